@@ -1,0 +1,7 @@
+"""The opened device: programs, budgeted buffers, event clock."""
+
+from gibench.device.buffers import Buffer, MemoryLedger
+from gibench.device.device import Device, Program, list_devices
+from gibench.device.source import kernel_source
+
+__all__ = ["Buffer", "Device", "MemoryLedger", "Program", "kernel_source", "list_devices"]

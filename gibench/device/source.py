@@ -1,0 +1,44 @@
+"""OpenCL C sources: found as package data, `#include`s resolved here.
+
+Includes are resolved in Python rather than by ``-I`` so that one string holds all that a program
+is built from: it can be hashed, cached, compared between revisions and built from a zipped wheel.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.resources.abc import Traversable
+
+from gibench.errors import GibenchError
+from gibench.resources import data
+
+_INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$', re.MULTILINE)
+
+
+def kernel_source(path: str, root: Traversable | None = None) -> str:
+    """The source of ``path`` with every ``#include "..."`` expanded once.
+
+    Args:
+        path: file beneath ``kernels_cl``, for instance ``"srp/tuned.cl"``. Includes are named the
+            same way, from the top of ``kernels_cl``.
+        root: another kernel tree than the installed one.
+
+    Raises:
+        GibenchError: a file is missing.
+    """
+    return _expand(path, data("kernels_cl") if root is None else root, set())
+
+
+def _expand(path: str, root: Traversable, seen: set[str]) -> str:
+    if path in seen:
+        return ""
+    seen.add(path)
+    file = root.joinpath(*path.split("/"))
+    if not file.is_file():
+        raise GibenchError(f"kernel source '{path}' is missing from {root}")
+
+    def included(match: re.Match[str]) -> str:
+        return _expand(match.group(1), root, seen)
+
+    body = _INCLUDE.sub(included, file.read_text(encoding="utf-8"))
+    return f'#line 1 "{path}"\n{body}\n'

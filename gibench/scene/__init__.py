@@ -1,0 +1,1 @@
+"""Scenes: triangles, materials, lights, environment, cameras, and the lightmap of receivers."""

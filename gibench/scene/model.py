@@ -1,0 +1,288 @@
+"""The Scene: triangles, materials, lights, environment, cameras.
+
+Conventions: metres, right-handed, Y up, counter-clockwise front faces. Colours are linear RGB with
+Rec. 709 primaries; radiance in W/m2/sr, irradiance in W/m2, intensity in W/sr, each per channel.
+All surfaces are diffuse and reflect on their front side; the back of a triangle is black.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int32]
+Vec3 = tuple[float, float, float]
+
+BLACK: Vec3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Texture:
+    """An image sampled bilinearly with repeat.
+
+    Attributes:
+        name: where it came from.
+        pixels: (height, width, 3) float32, linear; row 0 is v = 1 (the top, as in glTF and PNG).
+    """
+
+    name: str
+    pixels: Floats = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Material:
+    """A diffuse material.
+
+    Attributes:
+        name: as in the file.
+        base_color: diffuse albedo, times the texture where there is one.
+        emission: emitted radiance, W/m2/sr.
+        texture: index into ``Scene.textures``, or -1.
+    """
+
+    name: str
+    base_color: Vec3 = (0.8, 0.8, 0.8)
+    emission: Vec3 = BLACK
+    texture: int = -1
+
+
+@dataclass(frozen=True)
+class DirectionalLight:
+    """Parallel light, the sun.
+
+    Attributes:
+        direction: unit vector the light travels along.
+        irradiance: on a surface that faces it, W/m2.
+        swing_degrees: the direction swings by this angle to each side about the vertical axis.
+        period_frames: frames for one swing there and back.
+    """
+
+    direction: Vec3
+    irradiance: Vec3
+    swing_degrees: float = 0.0
+    period_frames: int = 240
+
+    def at(self, frame: int) -> DirectionalLight:
+        """The light in ``frame`` (its direction turned about +Y)."""
+        if not self.swing_degrees:
+            return self
+        phase = 2.0 * math.pi * frame / self.period_frames
+        angle = math.radians(self.swing_degrees) * math.sin(phase)
+        x, y, z = self.direction
+        c, s = math.cos(angle), math.sin(angle)
+        return replace(self, direction=(c * x + s * z, y, -s * x + c * z))
+
+
+@dataclass(frozen=True)
+class PointLight:
+    """A point light.
+
+    Attributes:
+        position: m.
+        intensity: W/sr.
+        orbit_radius: the light circles its position horizontally at this radius, m.
+        period_frames: frames for one circle.
+    """
+
+    position: Vec3
+    intensity: Vec3
+    orbit_radius: float = 0.0
+    period_frames: int = 240
+
+    def at(self, frame: int) -> PointLight:
+        """The light in ``frame``."""
+        if not self.orbit_radius:
+            return self
+        phase = 2.0 * math.pi * frame / self.period_frames
+        x, y, z = self.position
+        r = self.orbit_radius
+        return replace(self, position=(x + r * math.cos(phase), y, z + r * math.sin(phase)))
+
+
+@dataclass(frozen=True)
+class SpotLight:
+    """A spot light; its cone fades smoothly from the inner to the outer angle (glTF's formula).
+
+    Attributes:
+        position: m.
+        direction: unit vector along the axis.
+        intensity: on the axis, W/sr.
+        inner_angle: radians from the axis, full intensity inside.
+        outer_angle: radians from the axis, dark outside.
+    """
+
+    position: Vec3
+    direction: Vec3
+    intensity: Vec3
+    inner_angle: float = 0.0
+    outer_angle: float = math.pi / 4
+
+    def at(self, frame: int) -> SpotLight:
+        """The light in ``frame``."""
+        return self
+
+
+Light = DirectionalLight | PointLight | SpotLight
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Radiance from infinitely far away, as one equirectangular image for every kind.
+
+    Row 0 is the zenith (+Y); column 0 starts at azimuth -pi, where
+    azimuth = atan2(direction.x, -direction.z), growing with the column.
+
+    Attributes:
+        pixels: (height, width, 3) float32, W/m2/sr, sampled bilinearly at pixel centres, wrapping
+            in azimuth and clamped in elevation.
+    """
+
+    pixels: Floats = field(repr=False)
+
+    @staticmethod
+    def constant(radiance: Vec3) -> Environment:
+        """The same radiance from everywhere."""
+        return Environment(np.asarray(radiance, np.float32).reshape(1, 1, 3))
+
+    @staticmethod
+    def gradient(zenith: Vec3, horizon: Vec3, ground: Vec3, rows: int = 64) -> Environment:
+        """Zenith to horizon blended by the sine of the elevation; one colour below the horizon."""
+        polar = (np.arange(rows) + 0.5) / rows * np.pi
+        up = np.cos(polar)[:, None]
+        top, mid, low = (np.asarray(c, np.float64) for c in (zenith, horizon, ground))
+        rgb = np.where(up > 0, mid + (top - mid) * up, low)
+        return Environment(rgb.astype(np.float32)[:, None, :])
+
+    def radiance(self, directions: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Radiance (n, 3) from unit ``directions`` (n, 3), in float64."""
+        height, width = self.pixels.shape[:2]
+        d = np.asarray(directions, np.float64)
+        azimuth = np.arctan2(d[:, 0], -d[:, 2])
+        x = (azimuth / (2 * np.pi) + 0.5) * width - 0.5
+        y = np.arccos(np.clip(d[:, 1], -1, 1)) / np.pi * height - 0.5
+        x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+        fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+        columns = x0 % width, (x0 + 1) % width
+        rows = np.clip(y0, 0, height - 1), np.clip(y0 + 1, 0, height - 1)
+        p = self.pixels.astype(np.float64)
+        top = p[rows[0], columns[0]] * (1 - fx) + p[rows[0], columns[1]] * fx
+        bottom = p[rows[1], columns[0]] * (1 - fx) + p[rows[1], columns[1]] * fx
+        return np.asarray(top * (1 - fy) + bottom * fy)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera.
+
+    Attributes:
+        position: m.
+        target: the point it looks at.
+        fov_degrees: vertical field of view.
+        up: roughly upwards.
+        name: for pictures.
+    """
+
+    position: Vec3
+    target: Vec3
+    fov_degrees: float = 50.0
+    up: Vec3 = (0.0, 1.0, 0.0)
+    name: str = "camera"
+
+
+@dataclass(frozen=True)
+class ProbeSettings:
+    """What a scene says of its probes.
+
+    Attributes:
+        count: number of probes SRP places unless told otherwise.
+        positions: (p, 3) given by hand, or None to place them.
+    """
+
+    count: int = 100
+    positions: Floats | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene, flattened to world space.
+
+    Corner attributes are per vertex; loaders split vertices where attributes differ.
+
+    Attributes:
+        name: short name for tables.
+        positions: (v, 3) float32, m.
+        normals: (v, 3) float32 unit shading normals, on the side the triangle's winding faces.
+        uvs: (v, 2) float32 texture coordinates, v upwards (OBJ's convention).
+        triangles: (t, 3) int32 vertex indices, none degenerate.
+        material_ids: (t,) int32.
+        object_ids: (t,) int32, one number per node or group of the file.
+        lightmap_uvs: (v, 2) float32 in [0, 1], or None where the file has none.
+        receivers: number of receivers to aim for unless the user says otherwise.
+        warnings: what was dropped while loading, one line each, with counts.
+    """
+
+    name: str
+    positions: Floats = field(repr=False)
+    normals: Floats = field(repr=False)
+    uvs: Floats = field(repr=False)
+    triangles: Ints = field(repr=False)
+    material_ids: Ints = field(repr=False)
+    object_ids: Ints = field(repr=False)
+    materials: tuple[Material, ...] = (Material("default"),)
+    textures: tuple[Texture, ...] = ()
+    lights: tuple[Light, ...] = ()
+    environment: Environment = field(default_factory=lambda: Environment.constant(BLACK))
+    cameras: tuple[Camera, ...] = ()
+    probes: ProbeSettings = field(default_factory=ProbeSettings)
+    lightmap_uvs: Floats | None = field(default=None, repr=False)
+    receivers: int = 100_000
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Smallest and largest corner of what the triangles cover, m."""
+        used = self.positions[np.unique(self.triangles)].astype(np.float64)
+        return used.min(axis=0), used.max(axis=0)
+
+    @property
+    def corners(self) -> Floats:
+        """(t, 3, 3) float32: the three corner positions of every triangle."""
+        return self.positions[self.triangles]
+
+    def lights_at(self, frame: int) -> tuple[Light, ...]:
+        """The lights in ``frame``."""
+        return tuple(light.at(frame) for light in self.lights)
+
+    def geometry_hash(self) -> str:
+        """SHA-256 of all that baked visibility depends on: the triangles."""
+        digest = hashlib.sha256()
+        for array in (self.positions, self.triangles):
+            digest.update(str(array.shape).encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+    def content_hash(self) -> str:
+        """SHA-256 of everything in the scene that a result can depend on."""
+        digest = hashlib.sha256(self.geometry_hash().encode())
+        for part in _arrays(self):
+            digest.update(str((part.shape, part.dtype.str)).encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        digest.update(repr((self.materials, self.lights, self.cameras, self.probes)).encode())
+        return digest.hexdigest()
+
+
+def _arrays(scene: Scene) -> Iterator[npt.NDArray[Any]]:
+    yield from (scene.normals, scene.uvs, scene.material_ids, scene.object_ids)
+    if scene.lightmap_uvs is not None:
+        yield scene.lightmap_uvs
+    if scene.probes.positions is not None:
+        yield scene.probes.positions
+    yield scene.environment.pixels
+    yield from (texture.pixels for texture in scene.textures)

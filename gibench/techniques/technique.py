@@ -1,0 +1,127 @@
+"""What a technique is: baked once, then an ordered list of passes every frame.
+
+A pass is declared once: its name, its launches (kernel, size, arguments) and its work. The same
+name is kernel file label, timer label, table row and picture title. Nothing here measures: the
+frame loop (``gibench.measure``) enqueues the launches and reads their events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.device import Buffer, Device, Program
+
+Scalar = np.generic
+FloatArray = npt.NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class LocalMemory:
+    """A ``__local`` pointer argument of ``nbytes``."""
+
+    nbytes: int
+
+
+Argument = Buffer | LocalMemory | Scalar
+
+
+@dataclass(frozen=True)
+class Work:
+    """The least a pass must do in one frame, counted from its sizes, not from its code.
+
+    Attributes:
+        flops: floating-point operations (a fused multiply-add is two).
+        bytes_read: bytes that must come from global memory, each counted once.
+        bytes_written: bytes that must go to global memory.
+        rays: rays traced through the scene.
+        atomics: atomic operations on global memory.
+    """
+
+    flops: float = 0.0
+    bytes_read: float = 0.0
+    bytes_written: float = 0.0
+    rays: float = 0.0
+    atomics: float = 0.0
+
+
+@dataclass
+class Launch:
+    """One kernel launch of a pass, one-dimensional.
+
+    Exactly one of ``items`` (work-items, rounded up to whole groups: kernels test their index
+    against the count they are given) and ``groups`` (work-groups) is set; either may be a function
+    that is asked before every frame.
+
+    Attributes:
+        program: the built program.
+        kernel: the kernel's name in it.
+        args: arguments in order; plain buffers, numpy scalars and LocalMemory.
+        items: number of work-items.
+        groups: number of work-groups.
+        workgroup_size: another size than the configuration's, where the algorithm fixes it.
+    """
+
+    program: Program
+    kernel: str
+    args: Sequence[Argument]
+    items: int | Callable[[], int] | None = None
+    groups: int | Callable[[], int] | None = None
+    workgroup_size: int | None = None
+
+    def __post_init__(self) -> None:
+        if (self.items is None) == (self.groups is None):
+            raise ValueError(f"{self.kernel}: give either items or groups")
+
+
+@dataclass
+class Pass:
+    """One pass of a frame: a row of the table.
+
+    Attributes:
+        name: the field's name for it, in snake_case.
+        launches: what is enqueued, in order. Built by a function, so that a pass whose program
+            cannot be built or whose sizes do not fit fails alone.
+        work: the least it must do per frame.
+    """
+
+    name: str
+    launches: Callable[[], Sequence[Launch]]
+    work: Work = field(default_factory=Work)
+
+
+@runtime_checkable
+class Technique(Protocol):
+    """A technique set up on a device for one scene and one configuration.
+
+    Attributes:
+        name: its name on the command line and in tables.
+        device: where it runs.
+    """
+
+    name: ClassVar[str]
+    device: Device
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order."""
+        ...
+
+    def begin_frame(self, frame: int) -> None:
+        """Upload what changes with the frame; called before the passes are enqueued."""
+        ...
+
+    def images(self) -> dict[str, FloatArray]:
+        """Linear radiance images (h, w, 3) of the last frame by title, for ``--save-images``."""
+        ...
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Indirect irradiance (n, 3) at the receivers in W/m2, in the lightmap's order."""
+        ...
+
+    def counts(self) -> dict[str, int]:
+        """Sizes for the tables: probes, receivers, surfels; those that apply."""
+        ...
