@@ -179,9 +179,7 @@ class Device:
             self._programs[key] = Program(source, built, defines)
         return self._programs[key]
 
-    def launch_problem(
-        self, kernel: Any, workgroup_size: int, local_bytes: int = 0
-    ) -> str | None:
+    def launch_problem(self, kernel: Any, workgroup_size: int, local_bytes: int = 0) -> str | None:
         """Why ``kernel`` cannot be launched with ``workgroup_size``, or None when it can.
 
         Args:
