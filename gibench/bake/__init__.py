@@ -1,0 +1,1 @@
+"""What is computed ahead: probes, relight samples, transport, compression."""

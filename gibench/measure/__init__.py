@@ -1,0 +1,1 @@
+"""Measuring: configurations, the frame loop, the run folder, statistics."""

@@ -1,0 +1,1 @@
+"""Path-traced truth and error metrics."""

@@ -1,0 +1,1 @@
+"""Techniques: each a file or folder here that defines ``SPEC``."""

@@ -1,0 +1,1 @@
+"""Sparse Radiance Probes (Silvennoinen and Lehtinen 2017)."""
