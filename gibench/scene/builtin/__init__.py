@@ -1,0 +1,40 @@
+"""The built-in scenes: small ones described in data files, large ones generated.
+
+``scenes/builtin/NAME.toml`` holds a scene's settings: lights, environment, cameras, number of
+probes and receivers, and the parameters of its geometry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gibench.errors import BadInput
+from gibench.scene.builtin import box_room
+from gibench.scene.builtin.parts import Part
+from gibench.scene.builtin.settings import Settings, assemble, read_settings
+from gibench.scene.model import Scene
+
+# Scene name -> function that makes its geometry from its settings.
+_MAKERS: dict[str, Callable[[Settings], list[Part]]] = {
+    "cornell-box": box_room.parts,
+    "blue-orange-box": box_room.parts,
+}
+
+
+def names() -> list[str]:
+    """The names of the built-in scenes, simplest first."""
+    return list(_MAKERS)
+
+
+def build(name: str) -> Scene:
+    """The built-in scene called ``name``; the same one, bit for bit, every time.
+
+    Raises:
+        BadInput: there is no such scene.
+    """
+    if name not in _MAKERS:
+        raise BadInput(
+            "no built-in scene has this name", where=name, mend=f"use one of {', '.join(names())}"
+        )
+    settings = read_settings(name)
+    return assemble(settings, _MAKERS[name](settings))

@@ -1,0 +1,130 @@
+"""Settings of the built-in scenes (``scenes/builtin/*.toml``) and the assembly of their parts."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gibench.resources import data
+from gibench.scene.builtin.parts import Part
+from gibench.scene.model import (
+    Camera,
+    DirectionalLight,
+    Environment,
+    Light,
+    Material,
+    PointLight,
+    ProbeSettings,
+    Scene,
+    Texture,
+    Vec3,
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a built-in scene's file says.
+
+    Attributes:
+        name: of the scene.
+        receivers: number of receivers to aim for.
+        probes: number of probes.
+        lights: as in the file, directions made unit.
+        environment: light from outside.
+        cameras: the main one first.
+        materials: albedo (and texture) by name.
+        textures: in the order the materials count them.
+        geometry: everything else in the file.
+    """
+
+    name: str
+    receivers: int
+    probes: int
+    lights: tuple[Light, ...]
+    environment: Environment = field(repr=False)
+    cameras: tuple[Camera, ...]
+    materials: dict[str, Material]
+    textures: tuple[Texture, ...]
+    geometry: dict[str, Any] = field(repr=False)
+
+
+def read_settings(name: str) -> Settings:
+    """The settings of the built-in scene ``name``."""
+    text = (data("scenes") / "builtin" / f"{name}.toml").read_text("utf-8")
+    table = tomllib.loads(text)
+    colors: dict[str, Vec3] = dict(table.pop("materials", {}))
+    colors |= table.get("room", {}).get("colors", {})
+    colors |= {box["name"]: box["color"] for box in table.get("boxes", ())}
+    return Settings(
+        name=name,
+        receivers=int(table.pop("receivers")),
+        probes=int(table.pop("probes")),
+        lights=tuple(_light(light) for light in table.pop("lights")),
+        environment=_environment(table.pop("environment")),
+        cameras=tuple(
+            Camera(**{k: tuple(v) if isinstance(v, list) else v for k, v in camera.items()})
+            for camera in table.pop("cameras")
+        ),
+        materials={n: Material(n, _vec3(c)) for n, c in colors.items()},
+        textures=(),
+        geometry=table,
+    )
+
+
+def _vec3(values: Any) -> Vec3:
+    x, y, z = values
+    return float(x), float(y), float(z)
+
+
+def _light(table: dict[str, Any]) -> Light:
+    if table["kind"] == "directional":
+        direction = np.asarray(table["direction"], np.float64)
+        return DirectionalLight(
+            direction=_vec3(direction / np.linalg.norm(direction)),
+            irradiance=_vec3(table["irradiance"]),
+            swing_degrees=float(table["swing_degrees"]),
+            period_frames=int(table["period_frames"]),
+        )
+    return PointLight(
+        position=_vec3(table["position"]),
+        intensity=_vec3(table["intensity"]),
+        orbit_radius=float(table["orbit_radius"]),
+        period_frames=int(table["period_frames"]),
+    )
+
+
+def _environment(table: dict[str, Any]) -> Environment:
+    if table["kind"] == "gradient":
+        return Environment.gradient(
+            *(_vec3(table[part]) for part in ("zenith", "horizon", "ground"))
+        )
+    return Environment.constant(_vec3(table["radiance"]))
+
+
+def assemble(settings: Settings, parts: list[Part]) -> Scene:
+    """One scene from ``parts``; objects are numbered as their names first appear."""
+    starts = np.cumsum([0, *(len(p.positions) for p in parts)])
+    counts = [len(p.triangles) for p in parts]
+    materials = {name: i for i, name in enumerate(settings.materials)}
+    objects: dict[str, int] = {}
+    object_of = [objects.setdefault(p.name, len(objects)) for p in parts]
+    triangles = np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=False)])
+    return Scene(
+        name=settings.name,
+        positions=np.concatenate([p.positions for p in parts]).astype(np.float32),
+        normals=np.concatenate([p.normals for p in parts]).astype(np.float32),
+        uvs=np.concatenate([p.uvs for p in parts]).astype(np.float32),
+        triangles=triangles.astype(np.int32),
+        material_ids=np.repeat([materials[p.material] for p in parts], counts).astype(np.int32),
+        object_ids=np.repeat(object_of, counts).astype(np.int32),
+        materials=tuple(settings.materials.values()),
+        textures=settings.textures,
+        lights=settings.lights,
+        environment=settings.environment,
+        cameras=settings.cameras,
+        probes=ProbeSettings(settings.probes),
+        receivers=settings.receivers,
+    )
