@@ -1,0 +1,148 @@
+"""The tree on the device, and a tracer of ray buffers through it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import pyopencl as cl
+
+from gibench.device import Buffer, Device
+from gibench.errors import CannotRun
+from gibench.rays.bvh import Bvh
+from gibench.rays.embree import rays_of
+from gibench.rays.tracer import Hits
+from gibench.scene.model import Floats
+
+_CHUNK_RAYS = 262144
+
+
+@dataclass(frozen=True)
+class DeviceBvh:
+    """A tree's buffers, in the order of BVH_PARAMS of kernels_cl/common/bvh.cl.
+
+    Attributes:
+        bvh: what was uploaded.
+        nodes: its nodes.
+        triangles: its leaf blocks.
+    """
+
+    bvh: Bvh
+    nodes: Buffer
+    triangles: Buffer
+
+    @staticmethod
+    def upload(device: Device, bvh: Bvh, name: str = "bvh") -> DeviceBvh:
+        """Upload ``bvh`` as the buffers ``{name}_nodes`` and ``{name}_triangles``.
+
+        Raises:
+            CannotRun: it does not fit the device's profile.
+        """
+        nodes = device.upload(f"{name}_nodes", bvh.nodes)
+        return DeviceBvh(bvh, nodes, device.upload(f"{name}_triangles", bvh.blocks))
+
+    @property
+    def args(self) -> tuple[Buffer, ...]:
+        """Kernel arguments, in the order of BVH_PARAMS."""
+        return (self.nodes, self.triangles)
+
+
+class DeviceTracer:
+    """A :class:`~gibench.rays.tracer.RayTracer` by ``rays/trace.cl`` on ``device``.
+
+    Rays go through buffers of the tracer's own, a chunk at a time; all are counted in the device's
+    ledger. :meth:`release` frees them.
+
+    Args:
+        device: where to trace.
+        device_bvh: the tree, uploaded to the same device.
+        workgroup_size: work-items per group; the profile's default when None.
+        chunk_rays: rays per launch.
+        name: prefix of the buffers' names in the ledger.
+
+    Raises:
+        CannotRun: the work-group size or the buffers break the device's profile.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        device_bvh: DeviceBvh,
+        workgroup_size: int | None = None,
+        chunk_rays: int = _CHUNK_RAYS,
+        name: str = "tracer",
+    ) -> None:
+        self.device = device
+        self.device_bvh = device_bvh
+        self.chunk_rays = chunk_rays
+        self.workgroup_size = workgroup_size or device.profile.default_workgroup_size
+        program = device.program("rays/trace.cl")
+        self._closest = program.kernel("trace_closest")
+        self._occluded = program.kernel("trace_occluded")
+        for kernel in (self._closest, self._occluded):
+            if problem := device.launch_problem(kernel, self.workgroup_size):
+                raise CannotRun(problem)
+        self._origins = device.empty(f"{name}_origins", (chunk_rays, 3), np.float32)
+        self._directions = device.empty(f"{name}_directions", (chunk_rays, 3), np.float32)
+        self._limits = device.empty(f"{name}_limits", chunk_rays, np.float32)
+        self._hits = device.empty(f"{name}_hits", (chunk_rays, 4), np.float32)
+        self._blocked = device.empty(f"{name}_blocked", chunk_rays, np.uint8)
+        self.kernel_seconds = 0.0
+
+    def closest(
+        self, origins: Floats, directions: Floats, max_distance: Floats | float = np.inf
+    ) -> Hits:
+        """Closest hits of rays (n, 3) at distances in (0, max_distance)."""
+        o, d, limit = rays_of(origins, directions, max_distance)
+        raw = np.empty((len(o), 4), np.float32)
+        self._trace(self._closest, o, d, limit, self._hits, raw)
+        return Hits(
+            raw[:, 3].copy().view(np.int32), raw[:, 0].copy(), raw[:, 1].copy(), raw[:, 2].copy()
+        )
+
+    def occluded(
+        self, origins: Floats, directions: Floats, max_distance: Floats | float = np.inf
+    ) -> npt.NDArray[np.bool_]:
+        """(n,) whether anything is hit at a distance in (0, max_distance)."""
+        o, d, limit = rays_of(origins, directions, max_distance)
+        raw = np.empty(len(o), np.uint8)
+        self._trace(self._occluded, o, d, limit, self._blocked, raw)
+        return raw.astype(np.bool_)
+
+    def release(self) -> None:
+        """Free the tracer's buffers (not the tree's)."""
+        self.device.release(
+            self._origins, self._directions, self._limits, self._hits, self._blocked
+        )
+
+    def _trace(
+        self,
+        kernel: cl.Kernel,
+        o: Floats,
+        d: Floats,
+        limit: Floats | float,
+        result: Buffer,
+        out: npt.NDArray[np.float32] | npt.NDArray[np.uint8],
+    ) -> None:
+        """Trace all rays chunk by chunk into ``out``; adds the kernels' own time."""
+        queue, size = self.device.queue, self.workgroup_size
+        self.kernel_seconds = 0.0
+        for first in range(0, len(o), self.chunk_rays):
+            part = slice(first, min(first + self.chunk_rays, len(o)))
+            count = part.stop - part.start
+            limits = limit[part] if isinstance(limit, np.ndarray) else np.array([limit], np.float32)
+            self.device.write(self._origins, o[part])
+            self.device.write(self._directions, d[part])
+            self.device.write(self._limits, limits)
+            arguments = (*self.device_bvh.args, self._origins, self._directions, self._limits)
+            kernel.set_args(
+                *(buffer.mem for buffer in arguments),
+                np.int32(len(limits)),
+                np.int32(count),
+                result.mem,
+            )
+            items = -(-count // size) * size
+            event = cl.enqueue_nd_range_kernel(queue, kernel, (items,), (size,))
+            cl.enqueue_copy(queue, out[part], result.mem)
+            self.kernel_seconds += (event.profile.end - event.profile.start) * 1e-9
