@@ -3,42 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
 
-import numpy as np
 import pyopencl as cl
 
-from gibench.device import Buffer, Device
+from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
-from gibench.techniques.technique import Argument, Launch, LocalMemory, Pass, Technique, Work
+from gibench.techniques.launching import PreparedLaunch, prepare_launch
+from gibench.techniques.technique import Pass, Technique, Work
 
 Status = Literal["ok", "skipped", "failed"]
-
-
-@dataclass(frozen=True)
-class PreparedLaunch:
-    """A kernel object with its arguments set, ready to be enqueued again and again.
-
-    Attributes:
-        kernel: the ``pyopencl.Kernel``, owned by this launch alone.
-        count: asks how many work-items (or groups, see ``by_groups``) the next frame takes.
-        by_groups: whether ``count`` counts work-groups.
-        local: work-items per group.
-    """
-
-    kernel: Any = field(repr=False)
-    count: Callable[[], int]
-    by_groups: bool
-    local: int
-
-    @property
-    def global_size(self) -> int:
-        """Work-items to enqueue, whole groups; 0 when the next frame has nothing to do."""
-        count = self.count()
-        groups = count if self.by_groups else -(-count // self.local)
-        return groups * self.local
 
 
 @dataclass(frozen=True)
@@ -87,7 +63,7 @@ def prepare_passes(technique: Technique, workgroup_size: int) -> list[PreparedPa
 def prepare_pass(device: Device, item: Pass, workgroup_size: int) -> PreparedPass:
     """Build one pass (see :func:`prepare_passes`)."""
     try:
-        launches = tuple(_prepare(device, one, workgroup_size) for one in item.launches())
+        launches = tuple(prepare_launch(device, one, workgroup_size) for one in item.launches())
     except CannotRun as error:
         return PreparedPass(item.name, item.work, (), str(error), "skipped")
     except (GibenchError, cl.Error) as error:
@@ -101,7 +77,7 @@ def enqueue_frame(technique: Technique, prepared: Sequence[PreparedPass], frame:
     queue.finish()
     begin = time.perf_counter_ns()
     technique.begin_frame(frame)
-    events = [(item.name, _enqueue(queue, launch)) for item in prepared for launch in item.launches]
+    events = [(item.name, launch.enqueue(queue)) for item in prepared for launch in item.launches]
     queue.finish()
     wall_ms = (time.perf_counter_ns() - begin) * 1e-6
     pass_ms = {item.name: 0.0 for item in prepared if item.status == "ok"}
@@ -109,36 +85,3 @@ def enqueue_frame(technique: Technique, prepared: Sequence[PreparedPass], frame:
         if event is not None:
             pass_ms[name] += (event.profile.end - event.profile.start) * 1e-6
     return FrameTimes(pass_ms, wall_ms, wall_ms - sum(pass_ms.values()))
-
-
-def _enqueue(queue: Any, launch: PreparedLaunch) -> Any:
-    size = launch.global_size
-    if size == 0:
-        return None
-    return cl.enqueue_nd_range_kernel(queue, launch.kernel, (size,), (launch.local,))
-
-
-def _prepare(device: Device, launch: Launch, workgroup_size: int) -> PreparedLaunch:
-    local = launch.workgroup_size or workgroup_size
-    kernel = launch.program.kernel(launch.kernel)
-    kernel.set_args(*(_raw(argument) for argument in launch.args))
-    local_bytes = sum(a.nbytes for a in launch.args if isinstance(a, LocalMemory))
-    if problem := device.launch_problem(kernel, local, local_bytes):
-        raise CannotRun(problem)
-    size = launch.items if launch.items is not None else launch.groups
-    assert size is not None
-    return PreparedLaunch(kernel, _as_function(size), launch.groups is not None, local)
-
-
-def _as_function(size: int | Callable[[], int]) -> Callable[[], int]:
-    return size if callable(size) else lambda: size
-
-
-def _raw(argument: Argument) -> Any:
-    if isinstance(argument, Buffer):
-        return argument.mem
-    if isinstance(argument, LocalMemory):
-        return cl.LocalMemory(argument.nbytes)
-    if isinstance(argument, np.generic):
-        return argument
-    raise TypeError(f"a kernel argument is a Buffer, LocalMemory or numpy scalar, not {argument!r}")

@@ -1,0 +1,87 @@
+"""Direct light only: the papers' baseline (thesis 000, figure 6.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from gibench.scene.model import Scene
+from gibench.techniques.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.registry import TUNED, BakeContext, CreateContext, TechniqueSpec
+from gibench.techniques.shared_passes import SHOW_DIRECT, forward_render, rendered
+from gibench.techniques.technique import FloatArray, Pass
+
+
+@dataclass(frozen=True)
+class DirectSettings:
+    """Direct light has nothing to set."""
+
+
+class Direct:
+    """Primary rays and direct light with shadow rays, one pass.
+
+    Args:
+        context: what it is created from.
+
+    Raises:
+        CannotRun: the scene does not fit the device's profile.
+    """
+
+    name: ClassVar[str] = "direct"
+
+    def __init__(self, context: CreateContext) -> None:
+        self.device = context.device
+        self._receivers = len(context.lightmap.receivers)
+        self._workgroup_size = context.workgroup_size
+        self.scene = FrameScene(
+            context.device, context.scene, context.width, context.height, context.camera
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of device memory it takes, in closed form."""
+        return self.scene.nbytes
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order."""
+        return [forward_render(self.scene)]
+
+    def begin_frame(self, frame: int) -> None:
+        """Move the lights."""
+        self.scene.begin_frame(frame)
+
+    def images(self) -> dict[str, FloatArray]:
+        """The frame, (h, w, 3) W/m2/sr."""
+        return {"frame": rendered(self.scene, self._workgroup_size, SHOW_DIRECT)}
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Zeros (n, 3): it computes none."""
+        return np.zeros((self._receivers, 3), np.float32)
+
+    def counts(self) -> dict[str, int]:
+        """Receivers of the lightmap it is compared on."""
+        return {"receivers": self._receivers}
+
+
+def _no_bake(context: BakeContext) -> None:
+    return None
+
+
+def _memory_floor(
+    scene: Scene, receivers: int, settings: DirectSettings, width: int, height: int
+) -> int:
+    return frame_scene_bytes(scene, width, height)
+
+
+SPEC = TechniqueSpec(
+    name="direct",
+    title="Direct light only",
+    variants=(TUNED,),
+    settings_type=DirectSettings,
+    bake=_no_bake,
+    create=Direct,
+    memory_floor=_memory_floor,
+)

@@ -1,0 +1,161 @@
+"""Passes that more than one technique runs: lightmap update, dilation, forward render."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gibench.device import Buffer
+from gibench.scene.model import DirectionalLight
+from gibench.techniques.frame_scene import FrameLightmap, FrameScene, border_texels
+from gibench.techniques.launching import prepare_launch
+from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Work
+
+SHOW_DIRECT = 1  # kernels_cl/common/forward_render.cl
+SHOW_INDIRECT = 2
+TILE_SIDE = 8  # kernels_cl/common/sampling.cl
+
+
+def lightmap_update(
+    scene: FrameScene, receivers: FrameLightmap, indirect: Buffer, radiance: Buffer, bounces: bool
+) -> Pass:
+    """The pass that writes every receiver's outgoing radiance.
+
+    Its work counts one shadow ray for every receiver and light that faces it in frame 0, and no
+    flops: rays are its measure.
+
+    Args:
+        scene: the scene on the device.
+        receivers: its receivers.
+        indirect: map of last frame's indirect irradiance.
+        radiance: map that is written.
+        bounces: whether ``indirect`` counts.
+    """
+    count = len(receivers.lightmap.receivers)
+
+    def launches() -> Sequence[Launch]:
+        program = scene.device.program("common/lightmap_update.cl")
+        args: tuple[Argument, ...] = (
+            *scene.bvh_args,
+            *scene.light_args,
+            receivers.position,
+            receivers.normal,
+            receivers.albedo,
+            receivers.emission,
+            receivers.texel,
+            np.int32(count),
+            indirect,
+            np.int32(bounces),
+            radiance,
+        )
+        return [Launch(program, "lightmap_update", args, items=count)]
+
+    work = Work(
+        bytes_read=count * (4 * 13 + (12 if bounces else 0)),
+        bytes_written=count * 16,
+        rays=facing_lights(scene, receivers),
+    )
+    return Pass("lightmap_update", launches, work)
+
+
+def facing_lights(scene: FrameScene, receivers: FrameLightmap) -> int:
+    """Pairs of a receiver and a light on its front side, lights as in frame 0."""
+    r = receivers.lightmap.receivers
+    pairs = 0
+    for light in scene.scene.lights_at(0):
+        if isinstance(light, DirectionalLight):
+            towards = -np.broadcast_to(np.asarray(light.direction, np.float32), r.position.shape)
+        else:
+            towards = np.asarray(light.position, np.float32) - r.position
+        pairs += int(np.count_nonzero(np.einsum("ij,ij->i", towards, r.normal) > 0))
+    return pairs
+
+
+def dilate(receivers: FrameLightmap, target: Buffer, border: Buffer | None = None) -> Pass:
+    """The pass that extends a map's valid texels by one, in place.
+
+    Args:
+        receivers: whose map it is.
+        target: the map.
+        border: the texels to fill (``border_texels``, uploaded), or None to look at all of them,
+            as published.
+    """
+    size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
+
+    def launches() -> Sequence[Launch]:
+        program = receivers.device.program("common/dilate.cl")
+        if border is None:
+            args: tuple[Argument, ...] = (target, *size)
+            return [Launch(program, "dilate", args, items=receivers.texels)]
+        count = border.shape[0]
+        args = (target, *size, border, np.int32(count))
+        return [Launch(program, "dilate_border", args, items=count)]
+
+    filled = len(border_texels(receivers.lightmap))
+    work = Work(flops=filled * 3 * 2, bytes_read=filled * 12, bytes_written=filled * 12)
+    return Pass("dilate", launches, work)
+
+
+def forward_launch(
+    scene: FrameScene,
+    receivers: FrameLightmap | None = None,
+    indirect: Buffer | None = None,
+    show: int = SHOW_DIRECT | SHOW_INDIRECT,
+) -> Launch:
+    """The launch that renders the camera image.
+
+    Args:
+        scene: the scene on the device; its ``image`` is written.
+        receivers: needed with ``indirect``.
+        indirect: dilated map of indirect irradiance; None for direct light only.
+        show: sum of SHOW_DIRECT and SHOW_INDIRECT.
+    """
+    program = scene.device.program(
+        "common/forward_render.cl", {"INDIRECT": int(indirect is not None)}
+    )
+    lookup: tuple[Argument, ...] = ()
+    if indirect is not None and receivers is not None:
+        size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
+        lookup = (receivers.uvs, indirect, *size)
+    args = (
+        *scene.bvh_args,
+        *scene.surface_args,
+        *scene.light_args,
+        *scene.environment_args,
+        *scene.camera_args,
+        np.int32(show),
+        *lookup,
+        scene.image,
+    )
+    tiles = -(-scene.width // TILE_SIDE) * -(-scene.height // TILE_SIDE)
+    return Launch(program, "forward_render", args, items=tiles * TILE_SIDE**2)
+
+
+def forward_render(
+    scene: FrameScene, receivers: FrameLightmap | None = None, indirect: Buffer | None = None
+) -> Pass:
+    """The pass that renders the camera image (see :func:`forward_launch`).
+
+    Its work counts the primary rays, which are certain, and not the shadow rays, whose number
+    depends on what the camera sees; no flops: rays are its measure.
+    """
+    pixels = scene.width * scene.height
+
+    def launches() -> Sequence[Launch]:
+        return [forward_launch(scene, receivers, indirect)]
+
+    return Pass("forward_render", launches, Work(bytes_written=12 * pixels, rays=pixels))
+
+
+def rendered(
+    scene: FrameScene,
+    workgroup_size: int,
+    show: int,
+    receivers: FrameLightmap | None = None,
+    indirect: Buffer | None = None,
+) -> FloatArray:
+    """Render the camera image once more with the device's present state, (h, w, 3) W/m2/sr."""
+    launch = forward_launch(scene, receivers, indirect, show)
+    prepare_launch(scene.device, launch, workgroup_size).enqueue(scene.device.queue)
+    return scene.device.read(scene.image)

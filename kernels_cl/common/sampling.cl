@@ -1,0 +1,45 @@
+// Where rays start and in which order pixels are visited.
+#ifndef GIBENCH_SAMPLING
+#define GIBENCH_SAMPLING
+
+#include "common/vec.cl"
+
+// One coordinate moved 256 units in the last place along the normal, or by a fixed step near 0.
+inline float offset_coordinate(float p, float n)
+{
+    const int step = (int)(256.0f * n);
+    const float moved = as_float(as_int(p) + (p < 0.0f ? -step : step));
+    return fabs(p) < 1.0f / 32.0f ? p + n / 65536.0f : moved;
+}
+
+// A ray's origin moved off its surface so that the ray does not meet the surface again
+// (Waechter and Binder 2019, "A Fast and Robust Method for Avoiding Self-Intersection",
+// listing 6.1; `normal` points to the side the ray leaves on).
+inline float3 offset_from_surface(float3 position, float3 normal)
+{
+    return (float3)(offset_coordinate(position.x, normal.x),
+                    offset_coordinate(position.y, normal.y),
+                    offset_coordinate(position.z, normal.z));
+}
+
+// Pixels are visited in tiles of 8 x 8, within a tile along a Morton curve, so that the rays of
+// neighbouring work-items run together.
+#define TILE_SIDE 8
+#define TILE_PIXELS (TILE_SIDE * TILE_SIDE)
+
+inline int even_bits(int code)
+{
+    return (code & 1) | ((code >> 1) & 2) | ((code >> 2) & 4);
+}
+
+// The pixel of work-item `item`; may lie outside the image at its right and lower border.
+inline int2 tiled_pixel(int item, int width)
+{
+    const int tiles_across = (width + TILE_SIDE - 1) / TILE_SIDE;
+    const int tile = item / TILE_PIXELS;
+    const int code = item % TILE_PIXELS;
+    return (int2)((tile % tiles_across) * TILE_SIDE + even_bits(code),
+                  (tile / tiles_across) * TILE_SIDE + even_bits(code >> 1));
+}
+
+#endif
