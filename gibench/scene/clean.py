@@ -147,7 +147,7 @@ def _drop(mesh: _Mesh, bad: npt.NDArray[np.bool_], kind: str, dropped: dict[str,
 
 
 def _not_finite(mesh: _Mesh) -> npt.NDArray[np.bool_]:
-    sound = np.isfinite(mesh.positions).all(axis=1)
+    sound: Array = np.isfinite(mesh.positions).all(axis=1)
     return np.asarray(~sound[mesh.triangles].all(axis=1))
 
 
