@@ -1,0 +1,328 @@
+"""Transport coefficients: thesis section 5.6, with Embree for rays and OpenCL for the rest.
+
+Per chunk of receivers: primary rays (kernel), closest hits (Embree), validity and what the
+visibility tables settle (kernel), rays for the pairs they leave open (Embree), accumulation
+(kernels). ``kernels_cl/bake/transport.cl`` has the layouts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyopencl as cl
+
+from gibench.bake.sampling import fragment_shares, primary_points, triangle_planes
+from gibench.bake.settings import SrpBakeSettings
+from gibench.bake.srp_data import ProbeSet, sh_count
+from gibench.bake.visibility import VisibilityTables
+from gibench.bake.weights import Nearby, nearby
+from gibench.device import kernel_source, list_devices
+from gibench.rays.tracer import RayTracer
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Floats, Ints, Scene
+
+# Rays start off the surface they leave by this share of the scene's extent: some 30 times the
+# rounding of a float32 coordinate of that size.
+SURFACE_OFFSET = 4e-6
+# Visibility rays end short of their target by this share of their length, for the same reason.
+SHORT_OF_TARGET = 1e-5
+UNDECIDED = 2
+
+
+class TransportRows(NamedTuple):
+    """Uncompressed transport of m receivers.
+
+    Attributes:
+        probes: (k,) int32 probes any of them uses, ascending.
+        matrix: (m, k * c) float32: alpha_ij of the probes' blocks of c coefficients.
+        valid: (m,) int32 valid samples of each receiver; 0 where no probe can be used.
+    """
+
+    probes: Ints
+    matrix: Floats
+    valid: Ints
+
+
+class PrimaryRays(NamedTuple):
+    """The primary rays of m receivers, s each: (m, s, 3) float32 origins and directions."""
+
+    origins: Floats
+    directions: Floats
+
+
+@dataclass
+class Clock:
+    """Seconds spent and rays traced in each part of the work."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def add(self, part: str, since: float, count: int = 0) -> float:
+        """Book the time ``since`` to ``part``; returns now."""
+        now = perf_counter()
+        self.seconds[part] = self.seconds.get(part, 0.0) + now - since
+        self.counts[part] = self.counts.get(part, 0) + count
+        return now
+
+
+def surface_offset(scene: Scene) -> float:
+    """How far rays start off a surface of ``scene``, m."""
+    low, high = scene.bounds
+    return float(SURFACE_OFFSET * max(np.abs(low).max(), np.abs(high).max(), np.ptp([low, high])))
+
+
+class TransportBaker:
+    """Computes transport rows; all that the chunks share is uploaded once.
+
+    Args:
+        scene: the scene.
+        lightmap: its atlas.
+        probes: the probes.
+        settings: of the bake.
+        tracer: traces against the scene's triangles; called from several threads.
+        tables: visibility tables, or None to trace every pair.
+        seed: of the samples.
+        cl_device: OpenCL device; by default the first there is.
+
+    Raises:
+        CannotRun: there is no OpenCL device.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        lightmap: Lightmap,
+        probes: ProbeSet,
+        settings: SrpBakeSettings,
+        tracer: RayTracer,
+        tables: VisibilityTables | None,
+        seed: int = 0,
+        cl_device: Any = None,
+    ) -> None:
+        self.lightmap = lightmap
+        self.probes = probes
+        self.settings = settings
+        self.tracer = tracer
+        self.offset = surface_offset(scene)
+        self.coefficients = sh_count(settings.sh_order)
+        cl_device = list_devices()[0] if cl_device is None else cl_device
+        self.vector = min(int(cl_device.preferred_vector_width_float), 16)
+        self.stride = -(-settings.transport_rays // self.vector) * self.vector
+        self.context = cl.Context([cl_device])
+        defines = {
+            "VEC": self.vector,
+            "SH_ORDER": settings.sh_order,
+            "CACHED": int(tables is not None),
+            "WORDS": tables.words if tables else 1,
+            "GRID": tables.grid if tables else 1,
+        }
+        self.program = cl.Program(self.context, kernel_source("bake/transport.cl")).build(
+            options=[f"-D{name}={value}" for name, value in defines.items()]
+        )
+        rng = np.random.default_rng([seed, 1])
+        receivers, fragments = lightmap.receivers, lightmap.fragments
+        arrays = {
+            "points": primary_points(settings.transport_rays, self.stride, seed),
+            "rotation": rng.random((len(receivers), 4), dtype=np.float32),
+            "normals": receivers.normal,
+            "fragment_start": fragments.start.astype(np.int32),
+            "fragment_share": fragment_shares(fragments),
+            "fragment_corners": fragments.corners,
+            "fragment_triangle": fragments.triangle.astype(np.int32),
+            "planes": triangle_planes(scene.corners),
+            "triangle_uvs": lightmap.triangle_uvs,
+            "receiver_of_texel": lightmap.receiver_of_texel,
+            "probes": np.pad(probes.positions.astype(np.float32), ((0, 0), (0, 1))),
+            "seen": tables.seen if tables else np.zeros(1, np.uint32),
+            "undecided": tables.undecided if tables else np.zeros(1, np.uint32),
+            "open": tables.open if tables else np.zeros(1, np.uint32),
+            "open_undecided": tables.open_undecided if tables else np.zeros(1, np.uint32),
+        }
+        # What lifts a point off each triangle; the last row (index -1) stands for no triangle.
+        self.lift = np.pad(arrays["planes"][:, :3] * np.float32(self.offset), ((0, 1), (0, 0)))
+        self.shared = {name: self._upload(array) for name, array in arrays.items()}
+
+    def _upload(self, array: npt.NDArray[Any]) -> Any:
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+        return cl.Buffer(self.context, flags, hostbuf=np.ascontiguousarray(array))
+
+    def worker(self) -> TransportWorker:
+        """A worker with a queue, kernels and scratch of its own, for one thread at a time."""
+        return TransportWorker(self)
+
+
+class TransportWorker:
+    """What one thread needs to compute transport rows."""
+
+    def __init__(self, baker: TransportBaker) -> None:
+        self.baker = baker
+        self.clock = Clock()
+        self.queue = cl.CommandQueue(baker.context)
+        self._rays = cl.Kernel(baker.program, "transport_rays")
+        self._decide = cl.Kernel(baker.program, "transport_decide")
+        self._weights = cl.Kernel(baker.program, "transport_weights")
+        self._accumulate = cl.Kernel(baker.program, "transport_accumulate")
+        self._scratch: dict[str, Any] = {}
+
+    def rows(self, receivers: Ints) -> TransportRows:
+        """The transport rows of ``receivers`` (m,)."""
+        c = self.baker.coefficients
+        pairs = nearby(self.baker.lightmap.receivers.position[receivers], self.baker.probes)
+        used = np.unique(pairs.probe)
+        matrix = np.zeros((len(receivers), len(used), c), np.float32)
+        valid = np.zeros(len(receivers), np.int32)
+        for chunk in self._chunks(pairs):
+            part = _pairs_of(pairs, chunk)
+            if len(part.probe):
+                transport, valid[chunk] = self._chunk(receivers[chunk], part)
+                column = np.searchsorted(used, part.probe)
+                matrix[part.receiver + chunk.start, column] = transport
+        return TransportRows(used.astype(np.int32), matrix.reshape(len(receivers), -1), valid)
+
+    def primary_rays(self, receivers: Ints) -> PrimaryRays:
+        """The rays that :meth:`rows` traces from ``receivers`` (m,).
+
+        A direction of zero marks a sample that leads straight into its own surface.
+        """
+        origins, directions = self._primary(receivers)
+        samples = self.baker.settings.transport_rays
+        return PrimaryRays(origins[:, :samples], directions[:, :samples])
+
+    def _chunks(self, pairs: Nearby) -> Iterator[slice]:
+        """Runs of receivers with at most ``chunk_rays`` rays, and 16 pairs per ray on average."""
+        most_receivers = max(1, self.baker.settings.chunk_rays // self.baker.stride)
+        begin, count = 0, len(pairs.start) - 1
+        while begin < count:
+            end = begin + 1
+            room = pairs.start[begin] + 16 * most_receivers
+            while end < min(count, begin + most_receivers) and pairs.start[end + 1] <= room:
+                end += 1
+            yield slice(begin, end)
+            begin = end
+
+    def _buffer(self, name: str, nbytes: int) -> Any:
+        held = self._scratch.get(name)
+        if held is None or held.size < nbytes:
+            if held is not None:
+                held.release()
+            held = cl.Buffer(self.baker.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+            self._scratch[name] = held
+        return held
+
+    def _send(self, name: str, array: npt.NDArray[Any]) -> Any:
+        buffer = self._buffer(name, array.nbytes)
+        cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
+        return buffer
+
+    def _fetch(self, buffer: Any, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
+        out = np.empty(shape, dtype)
+        cl.enqueue_copy(self.queue, out, buffer)
+        return out
+
+    def _primary(self, receivers: Ints) -> tuple[Floats, Floats]:
+        baker, shared = self.baker, self.baker.shared
+        shape = (len(receivers), baker.stride, 3)
+        nbytes = 12 * shape[0] * shape[1]
+        names = (
+            "points", "rotation", "receivers", "normals", "fragment_start", "fragment_share",
+            "fragment_corners", "fragment_triangle", "planes",
+        )  # fmt: skip
+        listed = self._send("receivers", receivers.astype(np.int32))
+        self._rays(
+            self.queue,
+            (shape[1], shape[0]),
+            None,
+            np.int32(baker.settings.transport_rays),
+            np.float32(baker.offset),
+            *(listed if name == "receivers" else shared[name] for name in names),
+            self._buffer("origins", nbytes),
+            self._buffer("directions", nbytes),
+        )
+        origins = self._fetch(self._scratch["origins"], shape, np.float32)
+        return origins, self._fetch(self._scratch["directions"], shape, np.float32)
+
+    def _chunk(self, receivers: Ints, pairs: Nearby) -> tuple[Floats, Ints]:
+        """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
+        baker, shared, queue, clock = self.baker, self.baker.shared, self.queue, self.clock
+        stride, count, rays = baker.stride, len(receivers), len(receivers) * baker.stride
+        now = perf_counter()
+        origins, directions = self._primary(receivers)
+        now = clock.add("generate rays", now, rays)
+        found = baker.tracer.closest(origins.reshape(-1, 3), directions.reshape(-1, 3))
+        now = clock.add("primary rays", now, rays)
+
+        start = self._send("pair_start", pairs.start)
+        probe = self._send("pair_probe", pairs.probe)
+        weight = self._send("pair_weight", pairs.weight)
+        hits = self._buffer("hits", 16 * rays)
+        visible = self._buffer("visible", len(pairs.probe) * stride)
+        lightmap = baker.lightmap
+        self._decide(
+            queue, (stride, count), None,
+            self._scratch["origins"], self._scratch["directions"],
+            self._send("hit_triangle", found.triangle), self._send("hit_distance", found.distance),
+            self._send("hit_u", found.u), self._send("hit_v", found.v),
+            shared["planes"], shared["triangle_uvs"],
+            np.int32(lightmap.width), np.int32(lightmap.height), shared["receiver_of_texel"],
+            start, probe, shared["probes"], shared["seen"], shared["undecided"],
+            shared["open"], shared["open_undecided"], hits, visible,
+        )  # fmt: skip
+        states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
+        now = clock.add("decide", now, states.size)
+        traced = self._resolve(states, pairs, found.triangle)
+        now = clock.add("visibility rays", now, traced)
+
+        if traced:
+            cl.enqueue_copy(queue, visible, states)
+        inverse = self._buffer("inverse", 4 * rays)
+        valid = self._buffer("valid", 4 * count)
+        transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
+        self._weights(queue, (count,), None, np.int32(stride), start, weight, visible, inverse, valid)
+        self._accumulate(
+            queue, (len(pairs.probe),), None, np.int32(stride),
+            self._send("pair_receiver", pairs.receiver), probe, weight, shared["probes"],
+            hits, visible, inverse, valid, transport,
+        )  # fmt: skip
+        shape = (len(pairs.probe), baker.coefficients)
+        out = self._fetch(transport, shape, np.float32), self._fetch(valid, (count,), np.int32)
+        clock.add("accumulate", now, states.size)
+        return out
+
+    def _resolve(self, states: npt.NDArray[np.uint8], pairs: Nearby, triangle: Ints) -> int:
+        """Trace the undecided pairs and write the outcome into ``states``; returns their number."""
+        baker = self.baker
+        stride = baker.stride
+        flat = states.reshape(-1)
+        undecided = np.flatnonzero(flat == UNDECIDED)
+        if not len(undecided):
+            return 0
+        pair, sample = undecided // stride, undecided % stride
+        receiver = pairs.receiver[pair]
+        shape = (len(pairs.start) - 1, 4, stride)
+        hits = self._fetch(self._scratch["hits"], shape, np.float32)
+        origins = baker.probes.positions.astype(np.float32)[pairs.probe[pair]]
+        target = np.stack([hits[receiver, axis, sample] for axis in range(3)], axis=1)
+        struck = triangle[receiver * stride + sample]
+        is_hit = struck >= 0
+        # Off the surface by the same distance as every ray's start, on the side of the probe.
+        target += self.baker.lift[np.where(is_hit, struck, -1)]
+        directions = np.where(is_hit[:, None], target - origins, target)
+        limit = np.where(is_hit, np.float32(1.0 - SHORT_OF_TARGET), np.float32(np.inf))
+        blocked = baker.tracer.occluded(origins, directions, limit)
+        flat[undecided] = ~blocked
+        return len(undecided)
+
+
+def _pairs_of(pairs: Nearby, chunk: slice) -> Nearby:
+    begin, end = pairs.start[chunk.start], pairs.start[chunk.stop]
+    return Nearby(
+        pairs.start[chunk.start : chunk.stop + 1] - begin,
+        pairs.receiver[begin:end] - np.int32(chunk.start),
+        pairs.probe[begin:end],
+        pairs.weight[begin:end],
+    )

@@ -1,0 +1,144 @@
+"""Visibility tables: most mutual-visibility rays need not be cast.
+
+A receiver's primary rays land on the texels of the lightmap, and each texel is landed on hundreds
+of times by receivers around the same probe. So a few rays from every probe to every texel decide
+in advance: where they, and those to the eight neighbouring texels, agree, the texel is settled;
+where they do not, a shadow's edge runs nearby and every pair gets its own ray. The same is done
+for escapes with cells of directions around every probe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import maximum_filter
+
+from gibench.bake.octahedral import octahedral_decode
+from gibench.bake.sampling import surface_points, triangle_planes
+from gibench.bake.srp_data import ProbeSet
+from gibench.progress import progress
+from gibench.rays.tracer import RayTracer
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Floats, Ints, Scene
+
+POINTS_PER_TEXEL = 4
+# Cells along one side of a probe's octahedral map of directions: 1.2 degrees each.
+DIRECTION_GRID = 128
+RAYS_PER_CELL_SIDE = 2
+SHORT_OF_TARGET = 1e-5
+
+Words = npt.NDArray[np.uint32]
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class VisibilityTables:
+    """One bit per probe in rows of ``words`` 32-bit words; probe p is bit p % 32 of word p // 32.
+
+    Attributes:
+        words: words per row.
+        grid: cells along one side of the octahedral map.
+        seen: (n, words) the probe sees the receiver's texel.
+        undecided: (n, words) it may see part of it: trace a ray; overrules ``seen``.
+        open: (grid^2, words) the probe sees the environment in the cell's directions.
+        open_undecided: (grid^2, words) perhaps in some of them.
+    """
+
+    words: int
+    grid: int
+    seen: Words = field(repr=False)
+    undecided: Words = field(repr=False)
+    open: Words = field(repr=False)
+    open_undecided: Words = field(repr=False)
+
+
+def visibility_tables(
+    scene: Scene,
+    lightmap: Lightmap,
+    probes: ProbeSet,
+    tracer: RayTracer,
+    offset: float,
+    seed: int = 0,
+) -> VisibilityTables:
+    """Build the tables of ``probes`` with rays that end ``offset`` metres off the surfaces."""
+    rng = np.random.default_rng([seed, 2])
+    points, triangle = surface_points(lightmap.fragments, POINTS_PER_TEXEL, rng)
+    normals = triangle_planes(scene.corners)[:, :3][triangle].reshape(-1, 3)
+    targets = points.reshape(-1, 3) + np.float32(offset) * normals
+    words = -(-len(probes) // 32)
+    receivers = len(lightmap.receivers)
+    seen, undecided = (np.zeros((receivers, words), np.uint32) for _ in range(2))
+    opened, unsure = (np.zeros((DIRECTION_GRID**2, words), np.uint32) for _ in range(2))
+    with progress("Visibility between probes and texels", len(probes)) as advance:
+        for index, probe in enumerate(probes.positions.astype(np.float32)):
+            word, bit = index // 32, np.uint32(1 << (index % 32))
+            visible, hidden = _texels(probe, targets, normals, tracer)
+            settled, mixed = _settle(visible, hidden, lightmap)
+            seen[settled, word] |= bit
+            undecided[mixed, word] |= bit
+            free, blocked = _directions(probe, tracer, rng)
+            opened[free & ~blocked, word] |= bit
+            unsure[free & blocked, word] |= bit
+            advance(1)
+    return VisibilityTables(words, DIRECTION_GRID, seen, undecided, opened, unsure)
+
+
+def _texels(
+    probe: Floats, targets: Floats, normals: Floats, tracer: RayTracer
+) -> tuple[Flags, Flags]:
+    """Whether the probe sees any, and misses any, of each receiver's points it is in front of.
+
+    A receiver all of whose points face away counts as both: whatever is hit there is decided by
+    the plane test or by a ray.
+    """
+    toward = targets - probe
+    facing = np.flatnonzero(np.einsum("nx,nx->n", normals, toward) < 0)
+    origins = np.broadcast_to(probe, (len(facing), 3))
+    blocked = tracer.occluded(origins, toward[facing], 1.0 - SHORT_OF_TARGET)
+    state = np.zeros((2, len(targets)), np.bool_)
+    state[0, facing] = ~blocked
+    state[1, facing] = blocked
+    visible, hidden = state.reshape(2, -1, POINTS_PER_TEXEL).any(axis=2)
+    away = ~(visible | hidden)
+    return visible | away, hidden | away
+
+
+def _settle(visible: Flags, hidden: Flags, lightmap: Lightmap) -> tuple[Flags, Ints]:
+    """(n,) which receivers are seen for certain, and the indices of those that are undecided."""
+    away = visible & hidden
+    maps = np.zeros((2, lightmap.height * lightmap.width), np.uint8)
+    texel = lightmap.receivers.texel
+    maps[0, texel] = visible
+    maps[1, texel] = hidden
+    shape = (lightmap.height, lightmap.width)
+    near = [maximum_filter(m.reshape(shape), size=3).reshape(-1)[texel] > 0 for m in maps]
+    mixed = away | (near[0] & near[1])
+    return visible & ~mixed, np.flatnonzero(mixed).astype(np.int32)
+
+
+def _directions(
+    probe: Floats, tracer: RayTracer, rng: np.random.Generator
+) -> tuple[Flags, Flags]:
+    """Whether any ray of each direction cell, or of those around it, escapes and is blocked."""
+    side = DIRECTION_GRID * RAYS_PER_CELL_SIDE
+    row, column = np.divmod(np.arange(side * side), side)
+    at = np.stack([column, row], axis=1) + rng.random((side * side, 2))
+    directions = octahedral_decode(at * (2.0 / side) - 1.0).astype(np.float32)
+    blocked = tracer.occluded(np.broadcast_to(probe, directions.shape), directions)
+    cells = blocked.reshape(DIRECTION_GRID, RAYS_PER_CELL_SIDE, DIRECTION_GRID, -1)
+    near = []
+    for flags in (~cells, cells):
+        any_of_cell = flags.any(axis=(1, 3)).astype(np.uint8)
+        spread = maximum_filter(_wrapped(any_of_cell), size=3)[1:-1, 1:-1]
+        near.append(spread.reshape(-1) > 0)
+    return near[0], near[1]
+
+
+def _wrapped(cells: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """The map with one row or column more on each side: across an edge it continues mirrored."""
+    padded = np.pad(cells, 1)
+    padded[0, 1:-1], padded[-1, 1:-1] = cells[0, ::-1], cells[-1, ::-1]
+    padded[1:-1, 0], padded[1:-1, -1] = cells[::-1, 0], cells[::-1, -1]
+    return padded

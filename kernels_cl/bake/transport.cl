@@ -1,0 +1,204 @@
+// Transport coefficients of Sparse Radiance Probes (thesis, section 5.6: eqs 4.10-4.12 and 5.6;
+// Silvennoinen and Lehtinen 2017, eqs 2 and 4) for a chunk of receivers: four kernels, between
+// which the host traces rays.
+//
+// Layout, with R receivers, S samples per receiver (a multiple of VEC; the ones past `samples` are
+// padding) and receiver r's nearby probes at pairs pair_start[r] to pair_start[r + 1]:
+//   rays        [R][S][3]   a direction of zero marks a sample that is invalid from the start
+//   hits        [R][4][S]   x, y, z of the hit and 1, or the direction and 0 for an escape
+//   visible     [pair][S]   uchar: 0 hidden, 1 visible, 2 undecided: the host traces a ray
+//   inverse     [R][S]      1 / sum_k w_k V_k, or 0 where no probe sees the hit (invalid sample)
+//   transport   [pair][SH_COUNT]
+// Macros: VEC, SH_ORDER, CACHED (1: visibility tables are given), WORDS (32-bit words per row of
+// those tables), GRID (cells along one side of a probe's octahedral map).
+#include "common/vec.cl"
+#include "common/vec_width.cl"
+#include "common/sh.cl"
+#include "common/octahedral.cl"
+
+#define HIDDEN 0
+#define VISIBLE 1
+#define UNDECIDED 2
+
+// One primary ray per work-item (sample, receiver): thesis 5.6.2. The direction is cosine-weighted
+// about the receiver's normal, the origin a point of the surface its texel covers, both from one
+// 4D low-discrepancy point rotated per receiver (Cranley and Patterson 1976). A direction that
+// points below the very triangle it starts on leads into the solid: such a sample is invalid.
+__kernel void transport_rays(const int samples, const float offset,
+                             __global const float4 *points, __global const float4 *rotation,
+                             __global const int *receivers, __global const float *normals,
+                             __global const int *fragment_start,
+                             __global const float *fragment_share,
+                             __global const float *fragment_corners,
+                             __global const int *fragment_triangle,
+                             __global const float4 *planes, __global float *origins,
+                             __global float *directions)
+{
+    const int s = get_global_id(0);
+    const int receiver = receivers[get_global_id(1)];
+    const size_t ray = (size_t)get_global_id(1) * get_global_size(0) + s;
+    const float4 point = points[s] + rotation[receiver];
+    const float4 u = point - floor(point);
+
+    int low = fragment_start[receiver];
+    const int first = low;
+    int high = fragment_start[receiver + 1] - 1;
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if (fragment_share[middle] > u.z)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    const float below = low > first ? fragment_share[low - 1] : 0.0f;
+    const float width = fragment_share[low] - below;
+    const float rest = width > 0.0f ? clamp((u.z - below) / width, 0.0f, 1.0f) : 0.5f;
+    const float a = sqrt(rest);
+    const float3 origin = load3(fragment_corners, 3 * (size_t)low) * (1.0f - a) +
+                          load3(fragment_corners, 3 * (size_t)low + 1) * (a * (1.0f - u.w)) +
+                          load3(fragment_corners, 3 * (size_t)low + 2) * (a * u.w);
+    const float3 surface = planes[fragment_triangle[low]].xyz;
+
+    const float3 n = load3(normals, receiver);
+    float3 t, b;
+    orthonormal_basis(n, &t, &b);
+    const float radius = sqrt(u.x);
+    const float azimuth = 2.0f * PI_F * u.y;
+    float3 direction = t * (radius * cos(azimuth)) + b * (radius * sin(azimuth)) +
+                       n * sqrt(1.0f - u.x);
+    if (s >= samples || dot(direction, surface) <= 0.0f)
+        direction = (float3)(0.0f);
+    store3(origins, ray, origin + offset * surface);
+    store3(directions, ray, direction);
+}
+
+// Validity and mutual visibility of one sample per work-item (sample, receiver): thesis 5.6.4.
+// What the tables agree on is settled here; the rest is left UNDECIDED.
+__kernel void transport_decide(
+    __global const float *origins, __global const float *directions,
+    __global const int *hit_triangle, __global const float *hit_distance,
+    __global const float *hit_u, __global const float *hit_v, __global const float4 *planes,
+    __global const float *triangle_uvs, const int width, const int height,
+    __global const int *receiver_of_texel, __global const int *pair_start,
+    __global const int *pair_probe, __global const float4 *probes, __global const uint *seen,
+    __global const uint *undecided, __global const uint *open, __global const uint *open_undecided,
+    __global float *hits, __global uchar *visible)
+{
+    const int s = get_global_id(0);
+    const int r = get_global_id(1);
+    const size_t stride = get_global_size(0);
+    const size_t ray = r * stride + s;
+    const float3 direction = load3(directions, ray);
+    const int triangle = hit_triangle[ray];
+    const int first = pair_start[r];
+    const int last = pair_start[r + 1];
+
+    bool valid = dot(direction, direction) > 0.5f;
+    float3 place = direction;
+    float4 plane = (float4)(0.0f);
+    if (triangle >= 0) {
+        plane = planes[triangle];
+        // Validity check 2: the surface faces the receiver.
+        valid = valid && dot(plane.xyz, direction) < 0.0f;
+        place = load3(origins, ray) + hit_distance[ray] * direction;
+    }
+    if (!valid)
+        place = (float3)(0.0f, 0.0f, 1.0f);
+    __global float *out = hits + (size_t)r * 4 * stride + s;
+    out[0] = place.x;
+    out[stride] = place.y;
+    out[2 * stride] = place.z;
+    out[3 * stride] = valid && triangle >= 0 ? 1.0f : 0.0f;
+
+    // The rows of the tables that hold this sample's bits, or -1 when every probe needs a ray.
+    long row = -1;
+#if CACHED
+    __global const uint *agreed = seen;
+    __global const uint *mixed = undecided;
+    if (valid && triangle >= 0) {
+        __global const float *uv = triangle_uvs + 6 * (size_t)triangle;
+        const float w1 = hit_u[ray], w2 = hit_v[ray], w0 = 1.0f - w1 - w2;
+        const float x = w0 * uv[0] + w1 * uv[2] + w2 * uv[4];
+        const float y = w0 * uv[1] + w1 * uv[3] + w2 * uv[5];
+        if (x >= 0.0f && y >= 0.0f && x < width && y < height)
+            row = receiver_of_texel[(int)y * width + (int)x];
+    } else if (valid) {
+        agreed = open;
+        mixed = open_undecided;
+        row = octahedral_cell(direction, GRID);
+    }
+#endif
+    for (int pair = first; pair < last; ++pair) {
+        uchar state = HIDDEN;
+        const int probe = pair_probe[pair];
+        // Validity check 1: the probe is in front of the surface.
+        if (valid && (triangle < 0 || dot(plane.xyz, probes[probe].xyz - place) > 0.0f)) {
+            state = UNDECIDED;
+#if CACHED
+            if (row >= 0) {
+                const size_t word = (size_t)row * WORDS + probe / 32;
+                const uint bit = 1u << (probe % 32);
+                if (!(mixed[word] & bit))
+                    state = agreed[word] & bit ? VISIBLE : HIDDEN;
+            }
+#endif
+        }
+        visible[pair * stride + s] = state;
+    }
+}
+
+// The partition of unity's denominators, and how many samples are valid; one receiver per
+// work-item, blocks of VEC samples.
+__kernel void transport_weights(const int stride, __global const int *pair_start,
+                                __global const float *pair_weight, __global const uchar *visible,
+                                __global float *inverse, __global int *valid_samples)
+{
+    const int r = get_global_id(0);
+    const int blocks = stride / VEC;
+    vfloat valid = (vfloat)(0.0f);
+    for (int block = 0; block < blocks; ++block) {
+        vfloat sum = (vfloat)(0.0f);
+        for (int pair = pair_start[r]; pair < pair_start[r + 1]; ++pair)
+            sum += pair_weight[pair] * vec_load_uchar(block, visible + (size_t)pair * stride);
+        const vfloat one = (vfloat)(1.0f);
+        const vfloat zero = (vfloat)(0.0f);
+        valid += select(zero, one, sum > zero);
+        vec_store(select(zero, one / sum, sum > zero), block, inverse + (size_t)r * stride);
+    }
+    valid_samples[r] = (int)(vec_sum(valid) + 0.5f);
+}
+
+// alpha = pi / M sum of K over the M valid samples (eq. 5.6); one (receiver, probe) pair per
+// work-item, VEC samples at a time, all basis functions in private sums.
+__kernel void transport_accumulate(const int stride, __global const int *pair_receiver,
+                                   __global const int *pair_probe,
+                                   __global const float *pair_weight,
+                                   __global const float4 *probes, __global const float *hits,
+                                   __global const uchar *visible, __global const float *inverse,
+                                   __global const int *valid_samples, __global float *transport)
+{
+    const int pair = get_global_id(0);
+    const int r = pair_receiver[pair];
+    const float3 probe = probes[pair_probe[pair]].xyz;
+    const float weight = pair_weight[pair];
+    __global const float *hit = hits + (size_t)r * 4 * stride;
+    const int blocks = stride / VEC;
+    vfloat sums[SH_COUNT];
+    for (int j = 0; j < SH_COUNT; ++j)
+        sums[j] = (vfloat)(0.0f);
+    for (int block = 0; block < blocks; ++block) {
+        const vfloat kernel_weight = weight * vec_load(block, inverse + (size_t)r * stride) *
+                                     vec_load_uchar(block, visible + (size_t)pair * stride);
+        if (!vec_any(kernel_weight))
+            continue;
+        const vfloat h = vec_load(block, hit + 3 * stride);
+        const vfloat x = vec_load(block, hit) - h * probe.x;
+        const vfloat y = vec_load(block, hit + stride) - h * probe.y;
+        const vfloat z = vec_load(block, hit + 2 * stride) - h * probe.z;
+        const vfloat scale = 1.0f / sqrt(x * x + y * y + z * z);
+        sh_accumulate(x * scale, y * scale, z * scale, kernel_weight, sums);
+    }
+    const float mean = valid_samples[r] > 0 ? PI_F / valid_samples[r] : 0.0f;
+    for (int j = 0; j < SH_COUNT; ++j)
+        transport[(size_t)pair * SH_COUNT + j] = mean * vec_sum(sums[j]);
+}
