@@ -1,0 +1,42 @@
+"""Running a script under the Oclgrind simulator and reading its log."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parent / "oclgrind"
+
+needs_oclgrind = pytest.mark.skipif(
+    shutil.which("oclgrind") is None, reason="oclgrind is not installed (apt-get install oclgrind)"
+)
+
+
+def under_oclgrind(tmp_path: Path, script: str, *arguments: str) -> tuple[list[str], str]:
+    """Run ``script`` of tests/oclgrind under Oclgrind.
+
+    Returns:
+        The lines it printed, and the log: empty when nothing was found. Oclgrind exits 0 whatever
+        it finds, so only the log counts.
+    """
+    log = tmp_path / "oclgrind.log"
+    environment = dict(os.environ, PYOPENCL_NO_CACHE="1")
+    # Optimised code holds 'freeze', which Oclgrind 21.10 cannot run with --uninitialized.
+    environment["OCLGRIND_BUILD_OPTIONS"] = "-cl-opt-disable"
+    ran = subprocess.run(
+        [
+            *("oclgrind", "--data-races", "--uninitialized", "--max-errors", "100000"),
+            *("--log", str(log), sys.executable, str(SCRIPTS / script), *arguments),
+        ],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert ran.returncode == 0, ran.stderr + ran.stdout
+    return ran.stdout.split(), log.read_text() if log.exists() else ""
