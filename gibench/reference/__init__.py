@@ -1,1 +1,1 @@
-"""Path-traced truth and error metrics."""
+"""The path-traced truth, and how far a result is from it."""

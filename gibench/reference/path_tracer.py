@@ -1,0 +1,290 @@
+"""The truth: path-traced indirect irradiance at the receivers, and path-traced images.
+
+**Indirect irradiance** is all irradiance that does not come straight from a delta light: bounced
+light, light of emissive surfaces and of the environment. Cosines are taken to the interpolated
+shading normal; nothing arrives from below the triangle itself, and backs of triangles are black.
+
+The estimate is unbiased and unclamped. It is a mean over independent rounds, each a separately
+scrambled low-discrepancy point set, so that the standard error can be read off their spread.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+
+from gibench.errors import BadInput
+from gibench.progress import progress as progress_bar
+from gibench.rays.embree import EmbreeTracer
+from gibench.reference import store
+from gibench.reference.camera import image_plane
+from gibench.reference.lights import Doubles
+from gibench.reference.packed import pack_fragments, pack_scene
+from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Camera, Scene
+
+Advance = Callable[[int], None]
+
+DEFAULT_PATHS = 256
+# Where a target error is given and no number of paths, this many are traced at most.
+MOST_PATHS = 1 << 16
+# A standard error from fewer independent rounds says little of itself (its own relative error is
+# about 1 / sqrt(2 (rounds - 1)), a quarter at 8).
+LEAST_ROUNDS = 8
+_MOST_PATHS_PER_ROUND = 64
+_SAVE_EVERY_SECONDS = 20.0
+# Part of every key: raise it when the estimator changes what it computes.
+_ESTIMATOR = 1
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A path-traced estimate and its uncertainty.
+
+    Attributes:
+        value: (n, 3) irradiance in W/m2, or (height, width, 3) radiance or irradiance.
+        stderr: standard error of each value, same shape and unit.
+        paths: paths per receiver or pixel.
+        rounds: independent randomisations they come from.
+        rays: rays traced in all, shadow rays included.
+        seconds: time spent in all, earlier sessions included.
+        ray_seconds: share of that in Embree.
+        key: SHA-256 of all the estimate depends on.
+    """
+
+    value: Doubles = field(repr=False)
+    stderr: Doubles = field(repr=False)
+    paths: int
+    rounds: int
+    rays: int
+    seconds: float
+    ray_seconds: float
+    key: str
+
+    @property
+    def relative_error(self) -> float:
+        """Mean standard error over mean value."""
+        mean = float(self.value.mean())
+        return float(self.stderr.mean()) / mean if mean > 0 else 0.0
+
+
+def reference_irradiance(
+    scene: Scene,
+    lightmap: Lightmap,
+    *,
+    frame: int = 0,
+    bounces: int | None = None,
+    target_error: float | None = None,
+    paths: int | None = None,
+    seed: int = 1,
+    store_dir: Path | None = None,
+    progress: Advance | None = None,
+) -> Reference:
+    """Path-traced indirect irradiance at every receiver.
+
+    Paths start at uniformly distributed points of the receiver's covered surface.
+
+    Args:
+        scene: the scene.
+        lightmap: its receivers.
+        frame: the lights are where they are in this frame.
+        bounces: most reflections between a light and the receiver: 0 is only what emissive
+            surfaces and the environment send straight, 1 adds light reflected once, and so on;
+            None is any number.
+        target_error: stop once the mean standard error over the mean irradiance is this small.
+        paths: per receiver, rounded up to whole rounds; 256 by default, or as many as the target
+            error needs, at most 65536. More than asked for are returned when they are in the store.
+        seed: of the randomisation.
+        store_dir: keep rounds here and go on from what is there; None keeps nothing.
+        progress: called with the number of paths just traced; None shows a bar.
+
+    Returns:
+        The irradiance, (n, 3) in W/m2 per linear RGB channel, and its standard error.
+
+    Raises:
+        BadInput: a target error, number of paths, seed or bounces that makes no sense; a lightmap
+            of another scene; a scene without triangles or with negative colours.
+        CannotRun: there is no OpenCL runtime for the CPU.
+    """
+    _check(target_error, paths, bounces, seed)
+    triangle = lightmap.fragments.triangle
+    if len(triangle) and int(triangle.max()) >= len(scene.triangles):
+        raise BadInput("the lightmap belongs to another scene", where=scene.name)
+    start = ReceiverStart(pack_fragments(lightmap.fragments))
+    of_start = {"what": "irradiance", "receivers": _receivers_hash(lightmap)}
+    plan = _plan(paths, target_error)
+    rounds, key = _traced(scene, start, of_start, frame, bounces, seed, plan, store_dir, progress)
+    return _reference(rounds, plan, key, math.pi, rounds.mean.shape)
+
+
+def reference_image(
+    scene: Scene,
+    camera: Camera,
+    width: int,
+    height: int,
+    *,
+    frame: int = 0,
+    bounces: int | None = None,
+    indirect_only: bool = False,
+    irradiance: bool = False,
+    target_error: float | None = None,
+    paths: int | None = None,
+    seed: int = 1,
+    store_dir: Path | None = None,
+    progress: Advance | None = None,
+) -> Reference:
+    """A path-traced image, box-filtered over each pixel; row 0 is the top.
+
+    Args:
+        scene: the scene.
+        camera: one of its cameras or another.
+        width: pixels.
+        height: pixels.
+        frame: the lights are where they are in this frame.
+        bounces: as in :func:`reference_irradiance`, counted before the visible surface reflects.
+        indirect_only: only what the visible surface reflects of its indirect irradiance: without
+            light straight from delta lights, emission seen directly and the background.
+        irradiance: irradiance at the visible surface, in W/m2, instead of radiance in W/m2/sr
+            (its albedo left out); needs ``indirect_only``.
+        target_error: as in :func:`reference_irradiance`, and so are the rest.
+        paths: per pixel.
+        seed: of the randomisation.
+        store_dir: keep rounds here and go on from what is there.
+        progress: called with the number of paths just traced; None shows a bar.
+
+    Returns:
+        The image (height, width, 3) and its standard error.
+
+    Raises:
+        BadInput: as :func:`reference_irradiance`, or a camera that makes no image.
+        CannotRun: there is no OpenCL runtime for the CPU.
+    """
+    _check(target_error, paths, bounces, seed)
+    if irradiance and not indirect_only:
+        raise BadInput("an image of irradiance is of indirect light only")
+    plane = image_plane(camera, width, height)
+    start = CameraStart(plane, width, height, indirect_only, irradiance)
+    of_start = {
+        "what": f"image {width}x{height} indirect={indirect_only} irradiance={irradiance}",
+        "receivers": hashlib.sha256(plane.tobytes()).hexdigest(),
+    }
+    plan = _plan(paths, target_error)
+    rounds, key = _traced(scene, start, of_start, frame, bounces, seed, plan, store_dir, progress)
+    scale = math.pi if irradiance else 1.0
+    return _reference(rounds, plan, key, scale, (height, width, 3))
+
+
+@dataclass(frozen=True)
+class _Plan:
+    per_round: int
+    rounds: int
+    target_error: float | None
+
+
+def _plan(paths: int | None, target_error: float | None) -> _Plan:
+    wanted = paths or (DEFAULT_PATHS if target_error is None else MOST_PATHS)
+    per_round = min(_MOST_PATHS_PER_ROUND, 1 << int(math.log2(wanted / LEAST_ROUNDS)))
+    return _Plan(per_round, -(-wanted // per_round), target_error)
+
+
+def _traced(
+    scene: Scene,
+    start: ReceiverStart | CameraStart,
+    of_start: dict[str, str],
+    frame: int,
+    bounces: int | None,
+    seed: int,
+    plan: _Plan,
+    folder: Path | None,
+    advance: Advance | None,
+) -> tuple[store.Rounds, store.Key]:
+    lights = repr(scene.lights_at(frame))
+    key: store.Key = {
+        **of_start,
+        "estimator": _ESTIMATOR,
+        "scene": scene.content_hash(),
+        "lights": hashlib.sha256(lights.encode()).hexdigest(),
+        "bounces": bounces,
+        "seed": seed,
+        "paths_per_round": plan.per_round,
+    }
+    held = None if folder is None else store.load(folder, key, start.owners)
+    rounds = held or store.Rounds.none(start.owners)
+    if _done(rounds, plan):
+        return rounds, key
+    wavefront = Wavefront(pack_scene(scene, frame), EmbreeTracer(scene.corners), start, bounces)
+    wavefront.work = rounds.work
+    total = (plan.rounds - rounds.count) * start.owners * plan.per_round
+    with progress_bar(f"path tracing {scene.name}", total) as bar:
+        saved = time.monotonic()
+        while not _done(rounds, plan):
+            round_seed = _round_seed(seed, rounds.count)
+            rounds.add(wavefront.round(plan.per_round, round_seed, advance or bar))
+            if folder is not None and time.monotonic() - saved > _SAVE_EVERY_SECONDS:
+                store.save(folder, key, rounds)
+                saved = time.monotonic()
+    if folder is not None:
+        store.save(folder, key, rounds)
+    return rounds, key
+
+
+def _done(rounds: store.Rounds, plan: _Plan) -> bool:
+    if rounds.count < LEAST_ROUNDS:
+        return False
+    if plan.target_error is not None and rounds.relative_error() <= plan.target_error:
+        return True
+    return rounds.count >= plan.rounds
+
+
+def _round_seed(seed: int, number: int) -> int:
+    digest = hashlib.sha256(f"{seed}/{number}".encode()).digest()
+    return int.from_bytes(digest[:4], "little")
+
+
+def _reference(
+    rounds: store.Rounds, plan: _Plan, key: store.Key, scale: float, shape: tuple[int, ...]
+) -> Reference:
+    return Reference(
+        (rounds.mean * scale).reshape(shape),
+        (rounds.standard_error() * scale).reshape(shape),
+        rounds.count * plan.per_round,
+        rounds.count,
+        rounds.work.rays,
+        rounds.work.seconds,
+        rounds.work.ray_seconds,
+        store.key_digest(key),
+    )
+
+
+def _receivers_hash(lightmap: Lightmap) -> str:
+    """Unlike the lightmap's own hash, it covers all of the fragments that paths start on."""
+    digest = hashlib.sha256(lightmap.content_hash().encode())
+    for part in fields(lightmap.fragments):
+        digest.update(np.ascontiguousarray(getattr(lightmap.fragments, part.name)).tobytes())
+    return digest.hexdigest()
+
+
+def _check(target_error: float | None, paths: int | None, bounces: int | None, seed: int) -> None:
+    if target_error is not None and not (math.isfinite(target_error) and target_error > 0):
+        raise BadInput(
+            f"a target error of {target_error:g} is never reached",
+            where="target error",
+            mend="give a relative error above 0, for instance 0.01",
+        )
+    if paths is not None and paths < LEAST_ROUNDS:
+        raise BadInput(
+            f"{paths} paths give no standard error",
+            where="paths",
+            mend=f"give {LEAST_ROUNDS} or more",
+        )
+    if bounces is not None and bounces < 0:
+        raise BadInput(f"{bounces} bounces", where="bounces", mend="give 0 or more, or none")
+    if seed < 0:
+        raise BadInput(f"a seed of {seed}", where="seed", mend="give 0 or more")

@@ -1,0 +1,132 @@
+// Light sampling for the reference path tracer: delta lights, emissive triangles, environment.
+#ifndef GIBENCH_REFERENCE_LIGHTS
+#define GIBENCH_REFERENCE_LIGHTS
+#include "reference/surface.cl"
+
+// A delta light is a record of 12 floats: position, direction it shines along, irradiance or
+// intensity, kind (0 directional, 1 point, 2 spot), spot scale, spot offset.
+#define LIGHT_FLOATS 12
+
+// A connection from a surface point to a light: its direction, how far the light is (m), and what
+// it would add to the integral of radiance times cosine over pi.
+typedef struct {
+    float3 direction;
+    float distance;
+    float3 weight;
+} Connection;
+
+// First index i of the ascending table (n) with table[i] > x; n - 1 when there is none.
+inline int find_interval(__global const float *table, int n, float x)
+{
+    int low = 0, high = n - 1;
+    while (low < high) {
+        const int middle = (low + high) / 2;
+        if (table[middle] > x)
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
+}
+
+// x rescaled to [0, 1) within interval i of the ascending table.
+inline float within_interval(__global const float *table, int i, float x)
+{
+    const float low = i ? table[i - 1] : 0.0f;
+    return clamp((x - low) / (table[i] - low), 0.0f, 0.99999994f);
+}
+
+// Power heuristic, beta = 2 (Veach 1997, "Robust Monte Carlo Methods", section 9.2.4).
+inline float power_heuristic(float chosen, float other)
+{
+    const float a = chosen * chosen, b = other * other;
+    return a > 0.0f ? a / (a + b) : 0.0f;
+}
+
+inline Connection connect_delta(__global const float *light, float3 point, float3 normal)
+{
+    Connection c;
+    const float3 axis = load3(light, 1);
+    const int kind = (int)light[9];
+    c.weight = load3(light, 2) * INV_PI_F;
+    if (kind == 0) {
+        c.direction = -axis;
+        c.distance = INFINITY;
+    } else {
+        const float3 to = load3(light, 0) - point;
+        const float squared = dot(to, to);
+        c.distance = sqrt(squared);
+        c.direction = to / c.distance;
+        c.weight /= squared;
+        if (kind == 2) {
+            // KHR_lights_punctual, "Inner and Outer Cone Angles".
+            const float fade = clamp(-dot(c.direction, axis) * light[10] + light[11], 0.0f, 1.0f);
+            c.weight *= fade * fade;
+        }
+    }
+    c.weight *= max(dot(normal, c.direction), 0.0f);
+    return c;
+}
+
+// A point on an emissive triangle, chosen by area and luminance; weighted against finding it by
+// a cosine-distributed direction.
+inline Connection connect_emitter(__global const float *triangles, __global const float *materials,
+                                  __global const int *emitters, __global const float *table,
+                                  int count, float2 random, float3 point, float3 normal)
+{
+    const int i = find_interval(table, count, random.x);
+    const float r = sqrt(within_interval(table, i, random.x));
+    const Surface s = surface_at(triangles, emitters[i], r * (1.0f - random.y), r * random.y);
+    __global const float *material = materials + s.material * MATERIAL_FLOATS;
+    const float3 to = leave_surface(s.point, s.geometric) - point;
+    const float squared = dot(to, to);
+    Connection c;
+    c.distance = sqrt(squared);
+    c.direction = to / c.distance;
+    const float cosine = dot(normal, c.direction);
+    const float facing = -dot(s.geometric, c.direction);
+    if (cosine > 0.0f && facing > 0.0f && squared > 0.0f) {
+        const float by_light = material[7] * squared / facing;
+        const float by_cosine = cosine * INV_PI_F;
+        c.weight = load3(material, 1) *
+                   (by_cosine * power_heuristic(by_light, by_cosine) / by_light);
+    } else {
+        c.weight = (float3)(0.0f);
+    }
+    return c;
+}
+
+// A direction chosen by the environment's radiance, uniform in solid angle within a pixel;
+// weighted against finding it by a cosine-distributed direction.
+inline Connection connect_environment(__global const float *pixels, __global const float *density,
+                                      __global const float *rows, __global const float *columns,
+                                      int width, int height, float2 random, float3 normal)
+{
+    const int row = find_interval(rows, height, random.x);
+    __global const float *in_row = columns + (size_t)row * width;
+    const int column = find_interval(in_row, width, random.y);
+    const float top = cos(PI_F * row / height), bottom = cos(PI_F * (row + 1) / height);
+    const float y = mix(top, bottom, within_interval(rows, row, random.x));
+    const float across = (column + within_interval(in_row, column, random.y)) / width;
+    const float azimuth = 2.0f * PI_F * (across - 0.5f);
+    const float radius = sqrt(max(1.0f - y * y, 0.0f));
+    Connection c;
+    c.direction = (float3)(radius * sin(azimuth), y, -radius * cos(azimuth));
+    c.distance = INFINITY;
+    const float by_cosine = max(dot(normal, c.direction), 0.0f) * INV_PI_F;
+    const float by_light = density[row * width + column];
+    c.weight = (float3)(0.0f);
+    if (by_cosine > 0.0f && by_light > 0.0f)
+        c.weight = environment_at(pixels, width, height, c.direction) *
+                   (by_cosine * power_heuristic(by_light, by_cosine) / by_light);
+    return c;
+}
+
+inline float environment_density(__global const float *density, int width, int height, float3 d)
+{
+    const int column = (int)((atan2(d.x, -d.z) * (0.5f * INV_PI_F) + 0.5f) * width);
+    const int row = (int)(acos(clamp(d.y, -1.0f, 1.0f)) * INV_PI_F * height);
+    return density[clamp(row, 0, height - 1) * width + clamp(column, 0, width - 1)];
+}
+
+#endif
