@@ -8,6 +8,7 @@ once. The tree goes down to single boxes; :mod:`gibench.rays.bvh_wide` decides w
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -179,7 +180,7 @@ def _partition(
     result = []
     for refs in axes:
         left = goes_left[refs]
-        lefts_before = np.cumsum(left) - left
+        lefts_before: Indices = np.cumsum(left) - left
         lefts_before = lefts_before - lefts_before[first][owner]
         place = np.where(left, lefts_before, at[owner] + rank - lefts_before) + first[owner]
         moved = np.empty_like(refs)
@@ -202,7 +203,7 @@ def _bounds(
     leaves = np.flatnonzero(left < 0)
     node_lower[leaves] = lower[order[start[leaves]]]
     node_upper[leaves] = upper[order[start[leaves]]]
-    for first, end in reversed(list(zip(level_starts[:-1], level_starts[1:], strict=True))):
+    for first, end in reversed(list(pairwise(level_starts))):
         inner = first + np.flatnonzero(left[first:end] >= 0)
         child = left[inner]
         node_lower[inner] = np.minimum(node_lower[child], node_lower[child + 1])

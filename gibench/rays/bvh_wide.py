@@ -9,6 +9,7 @@ ray visits a node is its area over the root's.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -82,8 +83,7 @@ def _choose(tree: BinaryTree, area: Floats) -> tuple[npt.NDArray[np.bool_], npt.
     cost = np.repeat(leaf_cost[:, None], WIDTH - 1, axis=1)
     is_leaf = np.ones(m, np.bool_)
     split = np.zeros((m, WIDTH + 1), np.int8)
-    levels = zip(tree.level_starts[:-1], tree.level_starts[1:], strict=True)
-    for first, end in reversed(list(levels)):
+    for first, end in reversed(list(pairwise(tree.level_starts))):
         inner = first + np.flatnonzero(tree.left[first:end] >= 0)
         if not len(inner):
             continue

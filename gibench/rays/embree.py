@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,9 @@ class EmbreeTracer:
     Robust mode tests triangles in Pluecker coordinates and widens boxes against rounding, so that
     no ray slips through an edge that two triangles share. Triangles are hit from both sides.
 
+    Its interval includes 0, and embreex has no way to say otherwise: a ray that starts exactly on a
+    triangle may report that triangle at distance 0. Lift origins off their surfaces.
+
     Args:
         corners: (t, 3, 3) float32 corner positions of every triangle, m.
         threads: threads that trace; all cores when None.
@@ -39,7 +43,7 @@ class EmbreeTracer:
         self._scene = EmbreeScene(robust=True)
         self._mesh = TriangleMesh(self._scene, self.corners) if len(self.corners) else None
         # The first query commits the scene (builds its tree), which must not happen twice at once.
-        self._run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), 1.0, "OCCLUDED", False)
+        self._run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), 1.0, "OCCLUDED")
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
     def closest(
@@ -76,20 +80,21 @@ class EmbreeTracer:
         blocked = np.empty(len(o), np.bool_)
 
         def trace(part: slice) -> None:
-            found = self._run(o[part], d[part], _limit_of(limit, part), "OCCLUDED", False)
+            found = self._run(o[part], d[part], _limit_of(limit, part), "OCCLUDED")
             blocked[part] = found != NO_HIT
 
         self._chunked(len(o), trace)
         return blocked
 
     def _run(
-        self, o: Floats, d: Floats, limit: Floats | float, query: str, full: bool
-    ) -> npt.NDArray[np.int32] | dict[str, npt.NDArray[np.generic]]:
+        self, o: Floats, d: Floats, limit: Floats | float, query: str, full: bool | None = None
+    ) -> Any:
+        """embreex's answer: triangle indices, or with ``full`` a dictionary of arrays."""
         # Embree accepts t = tfar; the interface's interval is open, hence the next float below.
         # `dists` is overwritten by embreex, hence always an array of our own.
         below = np.nextafter(np.float32(limit), np.float32(0.0))
         far = np.ascontiguousarray(np.broadcast_to(below, (len(o),)), np.float32).copy()
-        return self._scene.run(o, d, dists=far, query=query, output=True if full else None)
+        return self._scene.run(o, d, dists=far, query=query, output=full)
 
     def _chunked(self, count: int, trace: Callable[[slice], None]) -> None:
         parts = [slice(i, min(i + _CHUNK_RAYS, count)) for i in range(0, count, _CHUNK_RAYS)]
