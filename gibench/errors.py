@@ -43,3 +43,9 @@ class CannotRun(GibenchError):
     """The device, the profile or its budget cannot run what was asked."""
 
     exit_code = 3
+
+
+class Interrupted(GibenchError):
+    """Ctrl-C; what was measured until then is kept."""
+
+    exit_code = 130

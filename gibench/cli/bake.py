@@ -1,0 +1,53 @@
+"""``gibench bake``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from gibench.cli import options
+
+
+def bake(
+    scene: options.Scenes = ["cornell-box"],  # noqa: B006 (typer copies its defaults)
+    technique: options.Techniques = ["srp"],  # noqa: B006
+    sh_order: options.ShOrders = None,
+    probes: options.Probes = None,
+    receivers: options.ReceiverCounts = None,
+    settings: options.Set = None,
+    seed: options.Seed = 0,
+    cache_dir: options.CacheDir = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    """Compute ahead what 'gibench run' needs, and keep it in the cache; no OpenCL device is used.
+
+    An interrupted bake goes on where it stopped when it is started again.
+
+    [bold]Example[/]
+
+      gibench bake --scene sponza.obj --sh-order 2 --sh-order 7
+    """
+    import time
+
+    from gibench.measure.configuration import check_options, check_settings_names, settings_grid
+    from gibench.measure.shared import Shared
+
+    specs = options.find_techniques(technique)
+    asked = options.request(scene, ["tuned"], sh_order, probes, receivers, None, settings)
+    check_options(asked)
+    check_settings_names(specs, asked.settings)
+    work = [(spec, chosen) for spec in specs for chosen in settings_grid(spec, asked)]
+    shared = Shared(options.cache_folder(cache_dir), seed)
+    for name in asked.scenes:
+        shared.scene(name)
+    for name in asked.scenes:
+        for count in asked.receivers or (shared.scene(name).receivers,):
+            for spec, chosen in work:
+                begin = time.perf_counter()
+                lightmap, _ = shared.baked(spec, chosen, name, count)
+                if not quiet:
+                    typer.echo(
+                        f"{spec.name} on {shared.scene(name).name}: {len(lightmap.receivers):,} "
+                        f"receivers, {chosen}: baked in {time.perf_counter() - begin:.1f} s"
+                    )

@@ -1,0 +1,243 @@
+"""``gibench run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gibench.cli import options
+from gibench.errors import CannotRun, CheckFailed, Interrupted
+
+if TYPE_CHECKING:
+    from gibench.measure.loop import Outcome
+
+
+_DEFAULT_TECHNIQUES = ["srp", "direct"]
+
+
+def run(
+    device_profile: options.Profiles = ["iphone7"],  # noqa: B006 (typer copies its defaults)
+    scene: options.Scenes = ["cornell-box"],  # noqa: B006
+    technique: options.Techniques = _DEFAULT_TECHNIQUES,
+    variant: options.Variants = ["tuned"],  # noqa: B006
+    sh_order: options.ShOrders = None,
+    probes: options.Probes = None,
+    receivers: options.ReceiverCounts = None,
+    workgroup_size: Annotated[
+        list[int] | None,
+        typer.Option(
+            "--workgroup-size",
+            "-w",
+            min=1,
+            metavar="N",
+            help="Work-items per group; by default the profile's. A pass that cannot run at one is "
+            "skipped with its reason.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = None,
+    settings: options.Set = None,
+    frames: Annotated[
+        int,
+        typer.Option(
+            "--frames",
+            "-n",
+            min=1,
+            metavar="N",
+            help="Frames measured per configuration. More steady the percentiles.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = 30,
+    warmup: Annotated[
+        int,
+        typer.Option(
+            "--warmup",
+            min=0,
+            metavar="N",
+            help="Frames run first and not recorded: kernels are built and caches filled in them.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = 3,
+    resolution: Annotated[
+        str,
+        typer.Option(
+            "--resolution",
+            metavar="WxH",
+            help="Camera image, pixels; by default the iPhone 7's screen.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = "1334x750",
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            "--camera",
+            metavar="N|NAME",
+            help="Which of the scene's cameras, counted from 0; by default its first.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    fit: Annotated[
+        bool,
+        typer.Option(
+            "--fit",
+            help="Lower the receiver count until a configuration fits the profile's memory; every "
+            "table says so.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = False,
+    save_images: Annotated[
+        bool,
+        typer.Option(
+            "--save-images",
+            help="Write every configuration's last frame as PNG beneath OUT/images.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="The run's folder; by default results/runs/<UTC time>-<profile>.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    seed: options.Seed = 0,
+    device: Annotated[
+        int | None,
+        typer.Option(
+            "--device",
+            min=0,
+            metavar="N",
+            help="OpenCL device to execute on, as 'gibench devices' counts them.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    cache_dir: options.CacheDir = None,
+    quiet: Annotated[
+        bool,
+        typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=options.OUTPUT),
+    ] = False,
+) -> None:
+    """Run techniques frame by frame and leave a folder of samples, tables and a report.
+
+    What a technique needs ahead of frames is baked first and cached, so the second run of the same
+    scene starts at once. Times are in milliseconds on the machine at hand; the profile binds
+    work-group sizes, local memory and buffer memory, and does not slow anything down.
+
+    [bold]Examples[/]
+
+      gibench run --device-profile iphone7
+
+      gibench run --scene sponza.obj --sh-order 2 --sh-order 7 --frames 100
+
+      gibench run --variant published --variant tuned --workgroup-size 64 --workgroup-size 256
+
+      gibench run --device-profile iphone7 --scene hall --receivers 200000 --fit --save-images
+    """
+    from gibench.device.device import select_cl_device
+    from gibench.measure.configuration import grid
+    from gibench.measure.loop import LoopOptions, run_configurations
+    from gibench.measure.record import begin_record, finish_record
+    from gibench.measure.roofs import measure_roofs
+    from gibench.measure.run_folder import RunFolder, default_folder
+    from gibench.measure.shared import Shared
+
+    # Everything that can be wrong is found before anything long.
+    width, height = options.resolution(resolution)
+    profiles = options.load_profiles(device_profile)
+    specs = options.find_techniques(technique)
+    asked = options.request(scene, variant, sh_order, probes, receivers, workgroup_size, settings)
+    configurations = grid(profiles, specs, asked)
+    cache = options.cache_folder(cache_dir)
+    cl_device = select_cl_device(device)
+    loop = LoopOptions(frames, warmup, width, height, camera, fit, seed)
+    shared = Shared(cache, seed)
+    for name in asked.scenes:
+        shared.scene(name)
+    arguments = _arguments(locals())
+    folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
+
+    record = begin_record(
+        arguments, profiles, loop, cl_device, measure_roofs(profiles[0], cl_device)
+    )
+    folder.write_record(record)
+    writer = _image_writer(folder.path) if save_images else None
+    outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer)
+    roofs = measure_roofs(profiles[0], cl_device)
+    record = finish_record(record, outcome, shared, roofs)
+    folder.write_record(record)
+    write_tables(folder, record, show=not quiet and outcome.samples > 0)
+    if not quiet and outcome.samples:
+        typer.echo(f"{len(outcome.results)} configurations, written to {folder.path}")
+    _conclude(outcome, folder.path)
+
+
+def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
+    """Write the tables and the report of a run from its stored samples; show them too."""
+    import pandas as pd
+
+    from gibench.measure.run_folder import SAMPLES
+    from gibench.report.markdown import report
+    from gibench.report.tables import csv_text, frames_table, passes_table
+    from gibench.report.terminal import show_run
+
+    samples = pd.read_csv(folder.path / SAMPLES)
+    passes, frames = passes_table(samples, record), frames_table(samples, record)
+    folder.write_text("passes.csv", csv_text(passes))
+    folder.write_text("frames.csv", csv_text(frames))
+    folder.write_text("report.md", report(passes, frames, record))
+    if show:
+        show_run(passes, frames, record)
+
+
+def _image_writer(folder: Path) -> Any:
+    from gibench.measure.results import ConfigurationResult
+    from gibench.report.images import ImageWriter
+
+    writer = ImageWriter(folder / "images")
+
+    def take(result: ConfigurationResult, images: dict[str, Any]) -> None:
+        configuration = result.configuration
+        label = f"{configuration.number:02d}-{configuration.label(result.scene)}"
+        writer.write(result.scene, label, images)
+
+    return take
+
+
+def _conclude(outcome: Outcome, folder: Path) -> None:
+    """Raise what the exit code should tell.
+
+    Raises:
+        Interrupted: by Ctrl-C; says what was kept.
+        GibenchError: nothing could run (the first reason), or something failed.
+    """
+    if outcome.interrupted:
+        raise Interrupted(f"interrupted; {outcome.samples:,} samples are kept in {folder}")
+    first = outcome.first_error
+    if outcome.samples == 0 and first is not None:
+        raise first
+    if outcome.samples == 0:
+        raise CannotRun("no pass of any configuration ran", mend=f"see {folder / 'report.md'}")
+    failed = [result for result in outcome.results if result.status == "failed"]
+    if failed:
+        raise CheckFailed(
+            f"{len(failed)} of {len(outcome.results)} configurations failed, the first because "
+            f"{failed[0].reason}",
+            mend=f"what was measured is in {folder}",
+        )
+
+
+def _arguments(given: dict[str, Any]) -> dict[str, Any]:
+    """The options for the record: files by base name, folders not at all."""
+    names = (
+        *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
+        *("workgroup_size", "settings", "frames", "warmup", "resolution", "camera", "fit"),
+        *("save_images", "seed", "device"),
+    )
+    arguments = {name: given[name] for name in names}
+    for name in ("device_profile", "scene"):
+        arguments[name] = [Path(value).name for value in arguments[name]]
+    return arguments

@@ -1,0 +1,76 @@
+"""The record of a run: what ``run.json`` holds beside the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from gibench.measure.environment import device_record, environment, versions, without_paths
+from gibench.measure.loop import LoopOptions, Outcome
+from gibench.measure.run_folder import SCHEMA_VERSION
+from gibench.measure.shared import Shared
+from gibench.measure.statistics import Roofs
+from gibench.profiles import DeviceProfile
+
+
+def begin_record(
+    arguments: Mapping[str, Any],
+    profiles: Sequence[DeviceProfile],
+    options: LoopOptions,
+    cl_device: Any,
+    roofs: Roofs,
+) -> dict[str, Any]:
+    """What is known before the first configuration."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "finished": False,
+        "interrupted": False,
+        "started_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        "arguments": dict(arguments),
+        "seed": options.seed,
+        "image": {"width": options.width, "height": options.height},
+        "versions": versions(),
+        "environment": environment(),
+        "device": device_record(cl_device),
+        "profiles": [_profile(profile) for profile in profiles],
+        "roofs": {"start": asdict(roofs), "end": asdict(roofs)},
+        "scenes": [],
+        "configurations": [],
+    }
+
+
+def finish_record(
+    record: Mapping[str, Any], outcome: Outcome, shared: Shared, roofs: Roofs
+) -> dict[str, Any]:
+    """The record with what came out."""
+    return {
+        **record,
+        "finished": True,
+        "interrupted": outcome.interrupted,
+        "finished_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        "roofs": {"start": record["roofs"]["start"], "end": asdict(roofs)},
+        "scenes": _scenes(outcome, shared),
+        "configurations": [result.record() for result in outcome.results],
+    }
+
+
+def _scenes(outcome: Outcome, shared: Shared) -> list[dict[str, Any]]:
+    asked = dict.fromkeys(result.configuration.scene for result in outcome.results)
+    scenes = [(name, shared.scene(name)) for name in asked]
+    return [
+        {
+            "name": scene.name,
+            "file": Path(name).name,
+            "triangles": len(scene.triangles),
+            "content_hash": scene.content_hash(),
+            "warnings": [without_paths(warning) for warning in scene.warnings],
+        }
+        for name, scene in scenes
+    ]
+
+
+def _profile(profile: DeviceProfile) -> dict[str, Any]:
+    return asdict(replace(profile, figures=dict(profile.figures)))

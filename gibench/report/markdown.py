@@ -1,0 +1,184 @@
+"""``report.md``: a run to read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from gibench.measure.statistics import REAL_TIME_MS, moved
+from gibench.report.tables import roofs_of
+from gibench.report.terminal import heading, number, percent
+
+_ROOFS = {
+    "read_gb_per_s": "streaming read, GB/s",
+    "triad_gb_per_s": "STREAM triad, GB/s",
+    "fma_gflop_per_s": "multiply-add, GFLOP/s",
+    "mrays_per_s": "incoherent rays in a closed box, Mrays/s",
+    "launch_us": "one launch, µs of host time",
+}
+
+
+def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    """The report of a run as Markdown.
+
+    Args:
+        passes: see :func:`gibench.report.tables.passes_table`.
+        frames: see :func:`gibench.report.tables.frames_table`.
+        record: the content of ``run.json``.
+    """
+    sections = [
+        "# gibench run",
+        *_warnings(record),
+        _measured_on(record),
+        "## Frames",
+        _frames(frames),
+        "## Passes",
+        *_passes(passes, frames),
+        "## The machine's roofs",
+        _roofs_section(record),
+        *_notes(record, frames),
+        "## What the figures say, and what they do not",
+        _meaning(record),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def _warnings(record: Mapping[str, Any]) -> list[str]:
+    start, end = roofs_of(record["roofs"]["start"]), roofs_of(record["roofs"]["end"])
+    lines = []
+    if changes := moved(start, end):
+        told = ", ".join(f"{_ROOFS[name]} by {100 * by:+.0f} %" for name, by in changes.items())
+        lines.append(
+            f"> **The machine was not steady:** from the start to the end of this run its roofs "
+            f"moved: {told}. Compare times across configurations with care."
+        )
+    if record["interrupted"]:
+        lines.append("> **Interrupted:** only what was measured until then is here.")
+    return lines
+
+
+def _measured_on(record: Mapping[str, Any]) -> str:
+    environment, device = record["environment"], record["device"]
+    profiles = " and ".join(f"{p['title']} (`{p['name']}`)" for p in record["profiles"])
+    memory = environment["memory_bytes"] / 2**30
+    return (
+        f"**Measured on** {environment['cpu']} ({environment['usable_threads']} threads, "
+        f"{memory:.0f} GiB, {environment['os']}) by {device['platform']} {device['driver']} on "
+        f"`{device['name']}`.\n\n"
+        f"**Modelled by its limits, not run:** {profiles}. Work-group sizes, local memory and "
+        "buffer memory were held to its limits; every time below is a time of the machine above "
+        f"and none of the modelled device.\n\n"
+        f"{record['started_utc']} UTC, gibench {record['versions']['gibench']}, "
+        f"seed {record['seed']}."
+    )
+
+
+def _frames(frames: pd.DataFrame) -> str:
+    rows = [
+        (
+            row["technique"],
+            row["variant"],
+            row["scene"],
+            row["profile"],
+            row["workgroup_size"],
+            *(_whole(row[name]) for name in ("sh_order", "probes", "receivers")),
+            row["frames"],
+            *(number(row[name]) for name in ("median_ms", "p95_ms", "p99_ms", "min_ms")),
+            number(row["device_ms"]),
+            number(row["fps"], 1),
+            {True: "yes", False: "no"}.get(row["real_time"], ""),
+            f"{row['memory_bytes'] / 2**20:,.1f} / {row['memory_budget_bytes'] / 2**20:,.0f}",
+            row["status"],
+            row["reason"],
+        )
+        for _, row in frames.iterrows()
+    ]
+    head = (
+        *("technique", "variant", "scene", "profile", "work-group", "SH order", "probes"),
+        *("receivers", "frames", "median ms", "p95 ms", "p99 ms", "min ms", "in kernels ms"),
+        *("frames/s", "real-time", "memory MiB / budget", "status", "reason"),
+    )
+    return _table(head, rows)
+
+
+def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
+    head = (
+        *("pass", "median ms", "mean ms", "stdev ms", "p95 ms", "p99 ms", "min ms", "max ms"),
+        *("MB", "Mflop", "Mrays", "GB/s", "GFLOP/s", "Mrays/s", "of roof", "status", "reason"),
+    )
+    sections = []
+    for _, frame in frames.iterrows():
+        rows = [
+            (
+                row["pass"],
+                *(number(row[f"{name}_ms"], 3) for name in ("median", "mean", "stdev")),
+                *(number(row[f"{name}_ms"], 3) for name in ("p95", "p99", "min", "max")),
+                *(number(row[name] * 1e-6, 3) for name in ("bytes", "flops", "rays")),
+                *(number(row[name]) for name in ("gb_per_s", "gflop_per_s", "mrays_per_s")),
+                percent(row["roofline_fraction"]),
+                row["status"],
+                row["reason"],
+            )
+            for _, row in passes[passes["configuration"] == frame["configuration"]].iterrows()
+        ]
+        sections += [f"### {heading(frame)}, profile {frame['profile']}", _table(head, rows)]
+    return sections
+
+
+def _roofs_section(record: Mapping[str, Any]) -> str:
+    start, end = record["roofs"]["start"], record["roofs"]["end"]
+    rows = [
+        (title, number(start[name]), number(end[name]))
+        for name, title in _ROOFS.items()
+        if start[name] is not None
+    ]
+    return (
+        "Measured in this run, at its start and at its end; *of roof* in the tables is the least "
+        "time the better of the two allows for a pass's declared bytes, flops and rays, over its "
+        "median time.\n\n" + _table(("roof", "start", "end"), rows)
+    )
+
+
+def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:
+    lines = []
+    for scene in record["scenes"]:
+        lines.append(
+            f"{scene['name']}: {scene['triangles']:,} triangles, content "
+            f"{scene['content_hash'][:12]}."
+        )
+        lines += [f"{scene['name']}: {warning}." for warning in scene["warnings"]]
+    for entry, (_, frame) in zip(record["configurations"], frames.iterrows(), strict=True):
+        title = f"{heading(frame)}, profile {frame['profile']}"
+        lines += [f"{title}: {note}." for note in entry["notes"]]
+        if entry["reason"] and entry["status"] != "ok":
+            lines.append(f"{title}: {entry['status']}: {entry['reason']}.")
+    return ["## Notes", "\n".join(f"- {line}" for line in lines)] if lines else []
+
+
+def _meaning(record: Mapping[str, Any]) -> str:
+    width, height = record["image"]["width"], record["image"]["height"]
+    points = [
+        "A pass's time is the sum of its launches' OpenCL event times. A frame's time is the "
+        "host's: from before the uploads of the frame until the queue is empty, launch gaps "
+        "included; *in kernels* is what the passes take of it.",
+        f"Real-time means a median of at most {REAL_TIME_MS} ms **on the machine measured**. It "
+        "does not say that the modelled device is or is not real-time.",
+        "Times of two runs on a shared machine differ by tens of percent; compare inside one run.",
+        f"Memory is every buffer of the technique at its peak. The camera image is {width} x "
+        f"{height}.",
+        "All figures are computed from `samples.csv` and `run.json`.",
+    ]
+    return "\n".join(f"- {point}" for point in points)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    def line(cells: Sequence[Any]) -> str:
+        return "| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |"
+
+    return "\n".join([line(head), line(["---"] * len(head)), *(line(row) for row in rows)])
+
+
+def _whole(value: Any) -> str:
+    return "" if pd.isna(value) else f"{value:,}"

@@ -1,0 +1,138 @@
+"""The tables of a run, made from its stored samples and its record. No input or output here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gibench.measure.run_folder import KEYS
+from gibench.measure.statistics import (
+    NAN,
+    REAL_TIME_MS,
+    Roofs,
+    best_of,
+    least_ms,
+    per_second,
+    summarize,
+)
+from gibench.techniques.technique import Work
+
+PASS_COLUMNS = (
+    *KEYS,
+    *("pass", "probes", "receivers", "frames"),
+    *("mean_ms", "median_ms", "stdev_ms", "p95_ms", "p99_ms", "min_ms", "max_ms"),
+    *("bytes", "flops", "rays", "gb_per_s", "gflop_per_s", "mrays_per_s", "roofline_fraction"),
+    *("status", "reason", "configuration"),
+)
+FRAME_COLUMNS = (
+    *KEYS,
+    *("surfels", "probes", "receivers", "frames"),
+    *("mean_ms", "median_ms", "p95_ms", "p99_ms", "min_ms", "fps", "real_time"),
+    *("memory_bytes", "memory_budget_bytes", "status", "reason"),
+    *("device_ms", "gap_ms", "warmup", "configuration"),
+)
+_WHOLE = ("sh_order", "surfels", "probes", "receivers", "workgroup_size", "configuration")
+_WORK = ("flops", "bytes_read", "bytes_written", "rays", "atomics")
+
+
+def run_roofs(record: Mapping[str, Any]) -> Roofs:
+    """The roofs a run's tables are held against: the best of its start and its end."""
+    start, end = (roofs_of(record["roofs"][when]) for when in ("start", "end"))
+    return best_of(start, end)
+
+
+def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
+    """One row per pass and configuration (columns: ``PASS_COLUMNS``).
+
+    Args:
+        samples: the content of ``samples.csv``.
+        record: the content of ``run.json``.
+    """
+    roofs = run_roofs(record)
+    times = {
+        key: group["time_ms"].to_numpy(np.float64)
+        for key, group in samples.groupby(["configuration", "pass"], sort=False)
+    }
+    rows = []
+    for entry in record["configurations"]:
+        for item in entry["passes"]:
+            summary = summarize(times.get((entry["configuration"], item["pass"]), np.empty(0)))
+            work = Work(**{name: item[name] for name in _WORK})
+            nbytes = work.bytes_read + work.bytes_written
+            median = summary.median_ms
+            rows.append(
+                {
+                    **entry,
+                    **asdict(summary),
+                    "pass": item["pass"],
+                    "frames": summary.count,
+                    "bytes": nbytes,
+                    "flops": work.flops,
+                    "rays": work.rays,
+                    "gb_per_s": per_second(nbytes, median, 1e9),
+                    "gflop_per_s": per_second(work.flops, median, 1e9),
+                    "mrays_per_s": per_second(work.rays, median, 1e6),
+                    "roofline_fraction": least_ms(work, roofs) / median if median > 0 else NAN,
+                    "status": item["status"],
+                    "reason": item["reason"],
+                }
+            )
+    return _frame(rows, PASS_COLUMNS)
+
+
+def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
+    """One row per configuration (columns: ``FRAME_COLUMNS``).
+
+    A frame's time is the host's: from before its uploads until the queue is empty again.
+    ``device_ms`` is the median of what its kernels take together, ``gap_ms`` the median of the
+    rest. Where a pass could not run there is no whole frame, so the times are blank.
+
+    Args:
+        samples: the content of ``samples.csv``.
+        record: the content of ``run.json``.
+    """
+    frames = samples.groupby(["configuration", "frame"], sort=False).agg(
+        wall=("frame_wall_ms", "first"), device=("time_ms", "sum")
+    )
+    rows = []
+    for entry in record["configurations"]:
+        row = {**entry, **asdict(summarize([]))}
+        complete = all(item["status"] == "ok" for item in entry["passes"])
+        if complete and entry["configuration"] in frames.index.get_level_values(0):
+            times = frames.loc[entry["configuration"]]
+            summary = summarize(times["wall"].to_numpy(np.float64))
+            row |= {
+                **asdict(summary),
+                "fps": 1e3 / summary.median_ms,
+                "real_time": bool(summary.median_ms <= REAL_TIME_MS),
+                "device_ms": float(times["device"].median()),
+                "gap_ms": float((times["wall"] - times["device"]).median()),
+            }
+        rows.append(row)
+    return _frame(rows, FRAME_COLUMNS)
+
+
+def csv_text(table: pd.DataFrame) -> str:
+    """The table as CSV: blank where a figure does not apply, six significant digits."""
+    return str(table.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
+
+
+def _frame(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
+    table = pd.DataFrame([{name: row.get(name) for name in columns} for row in rows])
+    table = table.reindex(columns=list(columns))
+    for name in _WHOLE:
+        if name in table:
+            table[name] = table[name].astype("Int64")
+    for name in ("bytes", "flops", "rays"):
+        if name in table:
+            table[name] = table[name].round().astype("Int64")
+    return table
+
+
+def roofs_of(entry: Mapping[str, Any]) -> Roofs:
+    """One measurement of the roofs as ``run.json`` has it."""
+    return Roofs(**{name: NAN if value is None else value for name, value in entry.items()})

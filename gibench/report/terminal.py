@@ -1,0 +1,91 @@
+"""The tables of a run on the terminal."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+_WIDE = 150  # columns where the output is no terminal, so that nothing is cut
+
+
+def console() -> Console:
+    """Standard output; plain and wide where it is no terminal. rich honours NO_COLOR."""
+    width = None if sys.stdout.isatty() else max(_WIDE, shutil.get_terminal_size().columns)
+    return Console(width=width, highlight=False)
+
+
+def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> None:
+    """One table of passes per configuration, with a line on its frame."""
+    out = console()
+    for _, frame in frames.iterrows():
+        mine = passes[passes["configuration"] == frame["configuration"]]
+        out.print(_passes(frame, mine))
+        out.print(_frame_line(frame, record["environment"]["cpu"]), soft_wrap=True)
+        if frame["reason"]:
+            out.print(
+                f"[yellow]{frame['status']}[/]: {escape(str(frame['reason']))}", soft_wrap=True
+            )
+        out.print()
+
+
+def number(value: Any, digits: int = 2) -> str:
+    """A figure to read: blank where there is none."""
+    return "" if pd.isna(value) else f"{value:,.{digits}f}"
+
+
+def percent(value: Any) -> str:
+    """A share to read: blank where there is none."""
+    return "" if pd.isna(value) else f"{100 * value:.0f} %"
+
+
+def heading(frame: pd.Series) -> str:
+    """A configuration in words."""
+    parts = [f"{frame['technique']} ({frame['variant']}) on {frame['scene']}"]
+    if not pd.isna(frame["sh_order"]):
+        parts.append(f"SH order {frame['sh_order']}")
+    parts += [
+        f"{frame[name]:,} {name}"
+        for name in ("surfels", "probes", "receivers")
+        if not pd.isna(frame[name])
+    ]
+    parts.append(f"work-group {frame['workgroup_size']}")
+    return ", ".join(parts)
+
+
+def _passes(frame: pd.Series, passes: pd.DataFrame) -> Table:
+    table = Table(title=escape(heading(frame)), title_justify="left", title_style="bold")
+    table.add_column("pass", no_wrap=True)
+    for name in ("median ms", "p95 ms", "GB/s", "GFLOP/s", "Mrays/s", "of roof"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("status", no_wrap=True)
+    for _, row in passes.iterrows():
+        table.add_row(
+            escape(str(row["pass"])),
+            number(row["median_ms"], 3),
+            number(row["p95_ms"], 3),
+            number(row["gb_per_s"]),
+            number(row["gflop_per_s"]),
+            number(row["mrays_per_s"]),
+            percent(row["roofline_fraction"]),
+            escape(str(row["status"])),
+        )
+    return table
+
+
+def _frame_line(frame: pd.Series, cpu: str) -> str:
+    where = f"measured on {escape(cpu)} under the limits of profile {escape(frame['profile'])}"
+    memory = f"{frame['memory_bytes'] / 2**20:,.0f} of {frame['memory_budget_bytes'] / 2**20:,.0f}"
+    if pd.isna(frame["median_ms"]):
+        return f"frame: no time; {where}"
+    return (
+        f"frame: [bold]{frame['median_ms']:.2f} ms[/] median ({frame['fps']:.1f} frames/s), p99 "
+        f"{frame['p99_ms']:.2f} ms, {frame['device_ms']:.2f} ms of it in kernels, over "
+        f"{frame['frames']} frames; {memory} MiB; {where}"
+    )
