@@ -147,7 +147,7 @@ def _drop(mesh: _Mesh, bad: npt.NDArray[np.bool_], kind: str, dropped: dict[str,
 
 
 def _not_finite(mesh: _Mesh) -> npt.NDArray[np.bool_]:
-    sound: Array = np.isfinite(mesh.positions).all(axis=1)
+    sound = np.asarray(np.isfinite(mesh.positions).all(axis=1))
     return np.asarray(~sound[mesh.triangles].all(axis=1))
 
 
@@ -199,8 +199,8 @@ def _mend_normals(mesh: _Mesh, notes: list[str]) -> None:
     mended = int((wrong & mesh.had_normals[:, None]).sum())
     if mended:
         notes.append(
-            f"{counted(mended, 'shading normal')} of {counted(int(3 * mesh.had_normals.sum()), 'corner')}"
-            " did not face the triangle's front: the triangle's normal is used"
+            f"{counted(mended, 'shading normal')} of {3 * int(mesh.had_normals.sum())} did not "
+            "face the triangle's front: the triangle's normal is used"
         )
     if missing := int((~mesh.had_normals).sum()):
         notes.append(f"{counted(missing, 'triangle')} without normals: flat normals computed")

@@ -22,21 +22,17 @@ import pygltflib
 from gibench.errors import BadInput
 from gibench.scene.files import read_bytes
 from gibench.scene.gltf_buffers import Buffers
+from gibench.scene.gltf_formulas import local_matrix, punctual_light, triangles, uv_matrix
 from gibench.scene.model import (
     Camera,
-    DirectionalLight,
     Light,
     Material,
-    PointLight,
-    SpotLight,
     Texture,
-    Vec3,
 )
 from gibench.scene.parts import (
     Array,
     Content,
     Part,
-    transform_light,
     transform_part,
     unit,
     vec3,
@@ -186,7 +182,7 @@ class _Reader:
                     mend="glTF nodes form trees",
                 )
             self.visited.add(index)
-            world = parent @ _local_matrix(nodes[index])
+            world = parent @ local_matrix(nodes[index])
             self._visit(nodes[index], index, world)
             stack += [(child, world) for child in reversed(nodes[index].children or [])]
 
@@ -242,7 +238,7 @@ class _Reader:
             uvs = np.column_stack((uvs[:, 0], 1.0 - uvs[:, 1]))
         return Part(
             positions=positions,
-            triangles=_triangles(indices, mode),
+            triangles=triangles(indices, mode),
             material=material,
             normals=self._attribute(attributes, "NORMAL", 3, len(positions)),
             uvs=uvs,
@@ -272,7 +268,7 @@ class _Reader:
             return index, 0, np.eye(3)
         extension = (info.extensions or {}).get("KHR_texture_transform", {})
         uv_set = extension.get("texCoord", info.texCoord or 0)
-        return index, uv_set, _uv_matrix(extension)
+        return index, uv_set, uv_matrix(extension)
 
     def _material(self, material: Any, index: int) -> Material:
         if material.alphaMode not in (None, "OPAQUE"):
@@ -348,83 +344,8 @@ class _Reader:
         table = (self.gltf.extensions or {}).get("KHR_lights_punctual", {}).get("lights", [])
         if not 0 <= index < len(table):
             raise BadInput(f"there is no light {index}", where=self.path)
-        light = _light(table[index])
-        if light is None:
+        lamp = punctual_light(table[index])
+        if lamp is None:
             self.found.ignored[f"lights of type {table[index].get('type')!r}"] += 1
             return
-        self.found.lights.append(transform_light(light, world))
-
-
-def _light(entry: dict[str, Any]) -> Light | None:
-    """A KHR_lights_punctual light in its node's space: it shines along -z."""
-    color = np.asarray(entry.get("color", [1.0, 1.0, 1.0]), np.float64)
-    power: Vec3 = vec3(color * float(entry.get("intensity", 1.0)))
-    if not np.isfinite(power).all() or min(power) < 0:
-        raise ValueError(f"light intensity {power}")
-    kind = entry.get("type")
-    if kind == "directional":
-        return DirectionalLight((0.0, 0.0, -1.0), power)
-    if kind == "point":
-        return PointLight((0.0, 0.0, 0.0), power)
-    if kind == "spot":
-        spot = entry.get("spot", {})
-        return SpotLight(
-            (0.0, 0.0, 0.0),
-            (0.0, 0.0, -1.0),
-            power,
-            float(spot.get("innerConeAngle", 0.0)),
-            float(spot.get("outerConeAngle", math.pi / 4)),
-        )
-    return None
-
-
-def _triangles(indices: Array, mode: int) -> Array:
-    """(t, 3) of a list (4), strip (5) or fan (6): glTF 2.0 specification, 3.7.2.1."""
-    if mode == 4:
-        return indices[: len(indices) // 3 * 3].reshape(-1, 3)
-    count = max(len(indices) - 2, 0)
-    i = np.arange(count)
-    if mode == 5:
-        odd = i % 2
-        return np.column_stack((indices[i], indices[i + 1 + odd], indices[i + 2 - odd]))
-    first = np.full(count, indices[0] if count else 0)
-    return np.column_stack((indices[i + 1], indices[i + 2], first))
-
-
-def _local_matrix(node: Any) -> Array:
-    if node.matrix is not None:
-        return np.asarray(node.matrix, np.float64).reshape(4, 4).T
-    matrix = np.eye(4)
-    if node.scale is not None:
-        matrix[:3, :3] = np.diag(np.asarray(node.scale, np.float64))
-    if node.rotation is not None:
-        matrix[:3, :3] = _rotation(np.asarray(node.rotation, np.float64)) @ matrix[:3, :3]
-    if node.translation is not None:
-        matrix[:3, 3] = node.translation
-    return matrix
-
-
-def _rotation(quaternion: Array) -> Array:
-    """Rotation matrix of a quaternion x, y, z, w, which need not be quite of unit length."""
-    length = np.linalg.norm(quaternion)
-    if quaternion.shape != (4,) or not np.isfinite(length) or length == 0:
-        raise ValueError(f"rotation {quaternion.tolist()}")
-    x, y, z, w = quaternion / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _uv_matrix(extension: dict[str, Any]) -> Array:
-    """KHR_texture_transform: translation * rotation * scale, in glTF's own coordinates."""
-    angle = float(extension.get("rotation", 0.0))
-    scale = extension.get("scale", [1.0, 1.0])
-    offset = extension.get("offset", [0.0, 0.0])
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[1, 0, offset[0]], [0, 1, offset[1]], [0, 0, 1]], np.float64) @ (
-        np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.diag([scale[0], scale[1], 1.0])
-    )
+        self.found.lights.append(transform_light(lamp, world))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -82,9 +83,7 @@ def load_obj(path: Path) -> Content:
     if plain.out_of_range:
         warnings.append(f"{counted(plain.out_of_range, 'face')} with an index out of range dropped")
     if plain.not_faces:
-        warnings.append(
-            f"{counted(plain.not_faces, 'face')} with fewer than three corners dropped"
-        )
+        warnings.append(f"{counted(plain.not_faces, 'face')} with fewer than three corners dropped")
     if plain.ignored_lines:
         warnings.append(
             f"{counted(plain.ignored_lines, 'line')} of points, lines or curves ignored"
@@ -195,7 +194,7 @@ def _write_faces(
         else:
             words = [str(v) for v, t, n in corners]
         lines = plain.faces.setdefault(key, [])
-        for second, third in zip(words[1:], words[2:], strict=False):
+        for second, third in pairwise(words[1:]):
             lines.append(f"f {words[0]} {second} {third}")
 
 

@@ -173,10 +173,16 @@ def join_contents(contents: Iterable[Content]) -> Content:
                 )
             )
         next_object = max([next_object, *(part.object_id + 1 for part in parts)])
+        # One image read for several meshes is one texture.
+        places: list[int] = []
+        for image in content.textures:
+            same = [i for i, other in enumerate(textures) if other is image]
+            places.append(same[0] if same else len(textures))
+            if not same:
+                textures.append(image)
         for material in content.materials:
-            texture = material.texture + len(textures) if material.texture >= 0 else -1
+            texture = places[material.texture] if material.texture >= 0 else -1
             materials.append(replace(material, texture=texture))
-        textures += content.textures
         lights += content.lights
         cameras += content.cameras
         warnings += content.warnings

@@ -54,7 +54,7 @@ def cube() -> Part:
             frame[axis, 2] = sign
             frame[(axis + 1) % 3, 0] = sign
             frame[(axis + 2) % 3, 1] = 1.0
-            positions.append((face.positions + [0.0, 0.0, 1.0]) @ frame.T)
+            positions.append((face.positions + np.array([0.0, 0.0, 1.0])) @ frame.T)
             normals.append(np.tile(frame[:, 2], (4, 1)))
     starts = 4 * np.arange(6)[:, None, None]
     assert face.uvs is not None
