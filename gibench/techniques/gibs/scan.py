@@ -1,0 +1,165 @@
+"""Launches of the device prefix sums in kernels_cl/common/scan.cl."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from gibench.device import Buffer, Device
+from gibench.techniques.technique import Launch, LocalMemory
+
+SCAN_ITEMS = 16  # kernels_cl/common/scan.cl
+
+
+@dataclass(frozen=True)
+class WaveScan:
+    """Scratch of the wave-wise recursive scan (paper 004, section 4.2.2) over a fixed length.
+
+    Attributes:
+        device: where it runs.
+        wave: work-items per wave.
+        workgroup_size: work-items per group, a multiple of ``wave``.
+        counts: number of values of each level, the values themselves first.
+        totals: one buffer per level: the totals of its waves.
+        lengths: (levels,) one-word buffers with ``counts``.
+    """
+
+    device: Device
+    wave: int
+    workgroup_size: int
+    counts: tuple[int, ...]
+    totals: tuple[Buffer, ...]
+    lengths: tuple[Buffer, ...]
+
+    @staticmethod
+    def create(device: Device, name: str, length: int, workgroup_size: int) -> WaveScan:
+        """Scratch for ``length`` values.
+
+        Raises:
+            CannotRun: it does not fit the device's profile.
+        """
+        wave = wave_of(device, workgroup_size)
+        counts = wave_levels(length, wave)
+        totals = tuple(
+            device.empty(f"{name}_totals_{level}", -(-n // wave), np.uint32)
+            for level, n in enumerate(counts)
+        )
+        lengths = tuple(
+            device.upload(f"{name}_length_{level}", np.array([n], np.uint32))
+            for level, n in enumerate(counts)
+        )
+        return WaveScan(device, wave, workgroup_size, counts, totals, lengths)
+
+    @staticmethod
+    def bytes_of(length: int, wave: int) -> int:
+        """Bytes of the scratch."""
+        return sum(4 * (-(-n // wave) + 1) for n in wave_levels(length, wave))
+
+    def launches(self, values: Buffer, prefix: Buffer) -> list[Launch]:
+        """Scan ``values`` (n,) uint32 into ``prefix`` (n,) uint32."""
+        program = self.device.program("common/scan.cl", {"WAVE": self.wave})
+        local = LocalMemory(8 * self.workgroup_size)
+        sources = (values, *self.totals[:-1])
+        targets = (prefix, *self.totals[:-1])
+        result = [
+            Launch(
+                program,
+                "scan_waves",
+                (source, length, target, totals, local),
+                items=n,
+                workgroup_size=self.workgroup_size,
+            )
+            for source, length, target, totals, n in zip(
+                sources, self.lengths, targets, self.totals, self.counts, strict=True
+            )
+        ]
+        for level in range(len(self.counts) - 2, -1, -1):
+            args = (targets[level], self.lengths[level], targets[level + 1])
+            result.append(Launch(program, "scan_add", args, items=self.counts[level]))
+        return result
+
+
+def wave_of(device: Device, workgroup_size: int) -> int:
+    """The wave that is scanned at once: the profile's SIMD width, where it is a power of two that
+    divides the work-group; else the largest power of two that does, at least 2 where there is one.
+    """
+    simd = device.profile.simd_width
+    if simd > 1 and simd & (simd - 1) == 0 and workgroup_size % simd == 0:
+        return simd
+    return max(workgroup_size & -workgroup_size, 1)
+
+
+def wave_levels(length: int, wave: int) -> tuple[int, ...]:
+    """Number of values of each level of the recursion, the last within one wave."""
+    if wave < 2:
+        raise ValueError("a wave-wise scan needs waves of at least two work-items")
+    counts = [length]
+    while counts[-1] > wave:
+        counts.append(-(-counts[-1] // wave))
+    return tuple(counts)
+
+
+@dataclass(frozen=True)
+class BlockScan:
+    """Scratch of the blocked scan over up to a given length.
+
+    Attributes:
+        device: where it runs.
+        workgroup_size: work-items per group.
+        sums: the blocks' sums.
+    """
+
+    device: Device
+    workgroup_size: int
+    sums: Buffer
+
+    @staticmethod
+    def create(device: Device, name: str, capacity: int, workgroup_size: int) -> BlockScan:
+        """Scratch for up to ``capacity`` values.
+
+        Raises:
+            CannotRun: it does not fit the device's profile.
+        """
+        blocks = BlockScan.blocks(capacity, workgroup_size)
+        return BlockScan(
+            device, workgroup_size, device.empty(f"{name}_sums", max(blocks, 1), np.uint32)
+        )
+
+    @staticmethod
+    def blocks(length: int, workgroup_size: int) -> int:
+        """Number of blocks that ``length`` values fall into."""
+        return -(-length // (workgroup_size * SCAN_ITEMS))
+
+    def launches(
+        self, values: Buffer, length: Buffer, prefix: Buffer, count: int | Callable[[], int]
+    ) -> list[Launch]:
+        """Scan ``values`` (n,) uint32 into ``prefix`` (n + 1,) uint32, the total last.
+
+        Args:
+            values: what is scanned.
+            length: buffer whose first word is n.
+            prefix: where to; the total stands behind the n prefixes.
+            count: n as the host knows it, or a function that tells it before every frame.
+        """
+        program = self.device.program("common/scan.cl")
+        local = LocalMemory(8 * self.workgroup_size)
+
+        def groups() -> int:
+            return self.blocks(count() if callable(count) else count, self.workgroup_size)
+
+        def launch(kernel: str, *args: Buffer) -> Launch:
+            return Launch(
+                program,
+                kernel,
+                (*args, local),
+                groups=(lambda: min(groups(), 1)) if kernel == "scan_sums" else groups,
+                workgroup_size=self.workgroup_size,
+            )
+
+        return [
+            launch("scan_block_sums", values, length, self.sums),
+            launch("scan_sums", self.sums, length),
+            launch("scan_blocks", values, length, self.sums, prefix),
+        ]

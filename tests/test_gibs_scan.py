@@ -1,0 +1,87 @@
+"""The device prefix sums against NumPy's, exact, for every length and work-group size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gibench.device import Device
+from gibench.profiles import load_profile
+from gibench.techniques.gibs.scan import BlockScan, WaveScan
+from gibench.techniques.launching import prepare_launch
+
+LENGTHS = (1, 2, 31, 32, 33, 255, 256, 257, 4096, 4097, 65_537, 1_000_003)
+
+
+def run(device, launches, workgroup_size):
+    for launch in launches:
+        prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
+
+
+def waves(device, values, size):
+    scan = WaveScan.create(device, "scan", len(values), size)
+    source = device.upload("values", values)
+    prefix = device.empty("prefix", len(values), np.uint32)
+    run(device, scan.launches(source, prefix), size)
+    return device.read(prefix)
+
+
+def blocks(device, values, size, capacity=None):
+    capacity = capacity or len(values)
+    scan = BlockScan.create(device, "scan", capacity, size)
+    room = np.full(capacity, 0xFFFFFFFF, np.uint32)  # what lies past the end must not count
+    room[: len(values)] = values
+    source = device.upload("values", room)
+    length = device.upload("length", np.array([len(values)], np.uint32))
+    prefix = device.empty("prefix", capacity + 1, np.uint32)
+    run(device, scan.launches(source, length, prefix, lambda: len(values)), size)
+    return device.read(prefix)[: len(values) + 1]
+
+
+def expected(values):
+    sums = np.zeros(len(values) + 1, np.uint64)
+    np.cumsum(values, out=sums[1:])
+    return (sums & 0xFFFFFFFF).astype(np.uint32)
+
+
+def some_values(length):
+    return np.random.default_rng().integers(0, 4000, length, dtype=np.uint32)
+
+
+def device_of(simd_width):
+    profile = replace(load_profile("iphone7"), simd_width=simd_width, max_workgroup_size=4096)
+    return Device(profile)
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize(("simd", "size"), [(32, 32), (32, 96), (64, 256), (1, 24), (32, 512)])
+def test_waves_scan_exactly(length, simd, size):
+    values = some_values(length)
+    np.testing.assert_array_equal(waves(device_of(simd), values, size), expected(values)[:-1])
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+@pytest.mark.parametrize("size", [1, 3, 32, 96, 256, 1024])
+def test_blocks_scan_exactly(length, size):
+    values = some_values(length)
+    np.testing.assert_array_equal(blocks(device_of(1), values, size), expected(values))
+
+
+def test_blocks_scan_fewer_than_there_is_room_for():
+    values = some_values(5000)
+    np.testing.assert_array_equal(
+        blocks(device_of(1), values, 64, capacity=9001), expected(values)
+    )
+
+
+def test_sums_wrap_at_32_bits():
+    values = np.full(70_001, 0x0FFFFFFF, np.uint32)
+    np.testing.assert_array_equal(blocks(device_of(1), values, 32), expected(values))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scan", [waves, blocks])
+def test_ten_million_values(scan):
+    values = some_values(10_000_000)
+    got = scan(device_of(64), values, 256)
+    np.testing.assert_array_equal(got, expected(values)[: len(got)])
