@@ -59,10 +59,11 @@ def prepare_launch(device: Device, launch: Launch, workgroup_size: int) -> Prepa
     """
     local = launch.workgroup_size or workgroup_size
     kernel = launch.program.kernel(launch.kernel)
-    kernel.set_args(*(_raw(argument) for argument in launch.args))
     local_bytes = sum(a.nbytes for a in launch.args if isinstance(a, LocalMemory))
+    # Before the arguments are set: from then on the kernel's own figure includes them.
     if problem := device.launch_problem(kernel, local, local_bytes):
         raise CannotRun(problem)
+    kernel.set_args(*(_raw(argument) for argument in launch.args))
     size = launch.items if launch.items is not None else launch.groups
     assert size is not None
     return PreparedLaunch(kernel, _as_function(size), launch.groups is not None, local)

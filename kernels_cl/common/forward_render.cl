@@ -37,8 +37,9 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
             float3 irradiance = (float3)(0.0f);
             if (show & SHOW_DIRECT) {
                 radiance = s.emission;
-                irradiance = direct_irradiance(BVH_ARGS, LIGHT_ARGS, s.position, s.normal,
-                                               s.geometric_normal);
+                const float3 seen = back_along_ray(s.position, ray.direction);
+                irradiance =
+                    direct_irradiance(BVH_ARGS, LIGHT_ARGS, seen, s.normal, s.geometric_normal);
             }
 #if INDIRECT
             if (show & SHOW_INDIRECT)

@@ -22,6 +22,16 @@ inline float3 offset_from_surface(float3 position, float3 normal)
                     offset_coordinate(position.z, normal.z));
 }
 
+// A hit moved back along the ray that found it, by 256 units in the last place of its largest
+// coordinate. A hit in a concave corner can round onto the corner itself, where a shadow ray starts
+// in the plane of the other surface and slips past it; the way back is known to be free.
+inline float3 back_along_ray(float3 position, float3 direction)
+{
+    const float3 size = fabs(position);
+    const float step = 256.0f * 1.1920929e-7f * fmax(fmax(size.x, size.y), fmax(size.z, 1.0f / 32));
+    return position - step * direction;
+}
+
 // Pixels are visited in tiles of 8 x 8, within a tile along a Morton curve, so that the rays of
 // neighbouring work-items run together.
 #define TILE_SIDE 8

@@ -1,0 +1,171 @@
+"""What both variants of SRP's passes share: sizes, buffers, works."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from gibench.bake.srp_data import SrpBake
+from gibench.device import Buffer, Device
+from gibench.scene.model import Floats
+from gibench.techniques.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.srp.storage import STORAGE_BYTES
+from gibench.techniques.technique import Pass, Work
+
+
+@dataclass(frozen=True)
+class TransportSizes:
+    """How large baked data is; all closed-form memory counts and works come from these.
+
+    Attributes:
+        probes: number of probes.
+        coefficients: SH coefficients per probe.
+        samples: relight samples per probe.
+        hits: relight rays of all probes that meet a receiver.
+        misses: relight rays of all probes that escape.
+        clusters: number of clusters.
+        receivers: receivers in clusters.
+        lit_receivers: receivers in clusters that are not dark.
+        rows: light basis vectors of all clusters.
+        columns: stored columns of all clusters.
+        projection: values of all projection matrices.
+        reconstruction: values of all reconstruction matrices.
+    """
+
+    probes: int
+    coefficients: int
+    samples: int
+    hits: int
+    misses: int
+    clusters: int
+    receivers: int
+    lit_receivers: int
+    rows: int
+    columns: int
+    projection: int
+    reconstruction: int
+
+    @staticmethod
+    def of(bake: SrpBake) -> TransportSizes:
+        """The sizes of ``bake``."""
+        lit = [c for c in bake.clusters if len(c.projection)]
+        return TransportSizes(
+            probes=len(bake.probes),
+            coefficients=bake.coefficients,
+            samples=bake.relight.texel.shape[1],
+            hits=int(np.count_nonzero(bake.relight.texel >= 0)),
+            misses=int(np.count_nonzero(bake.relight.texel == -1)),
+            clusters=len(bake.clusters),
+            receivers=sum(len(c.receivers) for c in bake.clusters),
+            lit_receivers=sum(len(c.receivers) for c in lit),
+            rows=sum(len(c.projection) for c in lit),
+            columns=sum(c.projection.shape[1] for c in lit),
+            projection=sum(c.projection.size for c in lit),
+            reconstruction=sum(c.reconstruction.size for c in lit),
+        )
+
+    def probe_update_work(self, fraction: float) -> Work:
+        """The least ``probe_update`` does when it updates this share of the probes."""
+        rays = (self.hits + self.misses) * fraction
+        values = self.probes * fraction * self.coefficients * 3
+        return Work(
+            flops=rays * self.coefficients * 3 * 2,
+            bytes_read=rays * (4 + 12) + 4 * self.samples * self.coefficients,
+            bytes_written=4 * values,
+        )
+
+    def projection_work(self, storage: str) -> Work:
+        """The least ``cluster_projection`` does: every stored value read once."""
+        return Work(
+            flops=self.projection * 3 * 2,
+            bytes_read=self.projection * STORAGE_BYTES[storage]
+            + 12 * self.probes * self.coefficients,
+            bytes_written=12 * self.rows,
+        )
+
+    def transport_work(self, storage: str) -> Work:
+        """The least ``irradiance_transport`` does: every stored value read once."""
+        return Work(
+            flops=self.reconstruction * 3 * 2,
+            bytes_read=self.reconstruction * STORAGE_BYTES[storage]
+            + 12 * self.rows
+            + 4 * self.lit_receivers,
+            bytes_written=12 * self.lit_receivers,
+        )
+
+
+class ProbeTurns:
+    """Which probes are updated in a frame: every 1st, 2nd or 4th, in turn.
+
+    Args:
+        device: where the two numbers the kernels read lie.
+        probes: number of probes.
+        fraction: share of the probes updated in a frame.
+    """
+
+    def __init__(self, device: Device, probes: int, fraction: float) -> None:
+        self.device, self.probes = device, probes
+        self.step = round(1 / fraction)
+        self.first = 0
+        self.state = device.empty("frame_state", 2, np.int32)
+        self.begin_frame(0)
+
+    def begin_frame(self, frame: int) -> None:
+        """Choose the probes of ``frame``."""
+        self.first = frame % self.step
+        self.device.write(self.state, np.array([self.first, self.step], np.int32))
+
+    def count(self) -> int:
+        """Number of probes updated in this frame."""
+        return max(0, -(-(self.probes - self.first) // self.step))
+
+
+@dataclass(frozen=True)
+class SrpInput:
+    """What a variant is built from.
+
+    Attributes:
+        scene: the scene on the device.
+        receivers: the atlas on the device.
+        bake: the baked data.
+        sizes: its sizes.
+        storage: ``fp32``, ``fp16`` or ``snorm16``.
+        fraction: share of the probes updated in a frame.
+        workgroup_size: work-items per group.
+        turns: which probes are updated.
+        indirect: map of indirect irradiance that is written.
+    """
+
+    scene: FrameScene
+    receivers: FrameLightmap
+    bake: SrpBake
+    sizes: TransportSizes
+    storage: str
+    fraction: float
+    workgroup_size: int
+    turns: ProbeTurns
+    indirect: Buffer
+
+
+class SrpVariant(Protocol):
+    """The passes that differ between the variants.
+
+    Attributes:
+        radiance: map of outgoing radiance that the lightmap update writes.
+    """
+
+    radiance: Buffer
+
+    def passes(self) -> list[Pass]:
+        """Probe update, cluster projection, irradiance transport."""
+        ...
+
+    def dilate(self) -> Pass:
+        """Dilation of the indirect map."""
+        ...
+
+    def probe_radiance(self) -> Floats:
+        """The probes' SH coefficients, (p, c, 3) W/m2/sr."""
+        ...

@@ -1,0 +1,129 @@
+"""Sparse Radiance Probes, frame by frame (paper 001, section 4.2; thesis 000, chapter 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from gibench.bake.srp_data import SrpBake
+from gibench.techniques.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.shared_passes import (
+    SHOW_DIRECT,
+    SHOW_INDIRECT,
+    forward_render,
+    lightmap_update,
+    rendered,
+)
+from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
+from gibench.techniques.srp.probe_view import probe_view
+from gibench.techniques.srp.published import Published, published_bytes
+from gibench.techniques.srp.settings import SrpSettings
+from gibench.techniques.srp.tuned import Tuned, tuned_bytes
+from gibench.techniques.technique import FloatArray, Pass
+
+
+class Srp:
+    """SRP on a device.
+
+    Args:
+        context: what it is created from.
+
+    Raises:
+        CannotRun: it does not fit the device's profile.
+    """
+
+    name: ClassVar[str] = "srp"
+
+    def __init__(self, context: CreateContext) -> None:
+        settings: SrpSettings = context.settings
+        bake: SrpBake = context.baked
+        device = context.device
+        self.device = device
+        self._context, self._settings, self._bake = context, settings, bake
+        self.scene = FrameScene(
+            device, context.scene, context.width, context.height, context.camera
+        )
+        self.receivers = FrameLightmap.upload(device, context.lightmap)
+        self.indirect = self.receivers.new_map("indirect")
+        self.sizes = TransportSizes.of(bake)
+        self.turns = ProbeTurns(device, self.sizes.probes, settings.probe_update_fraction)
+        given = SrpInput(
+            self.scene,
+            self.receivers,
+            bake,
+            self.sizes,
+            settings.storage,
+            settings.probe_update_fraction,
+            context.workgroup_size,
+            self.turns,
+            self.indirect,
+        )
+        self.variant: SrpVariant = Tuned(given) if context.variant == TUNED else Published(given)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of device memory it takes, in closed form."""
+        storage, lightmap = self._settings.storage, self._context.lightmap
+        if self._context.variant == TUNED:
+            own = tuned_bytes(self._bake, lightmap, storage, self.device.vector_width)
+        else:
+            own = published_bytes(self.sizes, storage, self.receivers.texels)
+        indirect = self.receivers.map_bytes(self.receivers.texels)
+        return self.scene.nbytes + self.receivers.nbytes + indirect + self.turns.state.nbytes + own
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order."""
+        bounces = self._settings.bounces
+        return [
+            lightmap_update(
+                self.scene, self.receivers, self.indirect, self.variant.radiance, bounces
+            ),
+            *self.variant.passes(),
+            self.variant.dilate(),
+            forward_render(self.scene, self.receivers, self.indirect),
+        ]
+
+    def begin_frame(self, frame: int) -> None:
+        """Move the lights and choose the probes to update."""
+        self.scene.begin_frame(frame)
+        self.turns.begin_frame(frame)
+
+    def images(self) -> dict[str, FloatArray]:
+        """The frame, its direct and its indirect part, and the probes, (h, w, 3) W/m2/sr."""
+        shown = {
+            "frame": SHOW_DIRECT | SHOW_INDIRECT,
+            "direct only": SHOW_DIRECT,
+            "indirect only": SHOW_INDIRECT,
+        }
+        images = {
+            title: rendered(
+                self.scene,
+                self._context.workgroup_size,
+                show,
+                self.receivers,
+                self.indirect,
+            )
+            for title, show in shown.items()
+        }
+        images["probes"] = probe_view(
+            images["frame"],
+            self._context.camera,
+            self._context.scene,
+            self._bake.probes.positions,
+            self.variant.probe_radiance(),
+        )
+        return images
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Indirect irradiance (n, 3) at the receivers, W/m2, in the lightmap's order."""
+        return self.receivers.at_receivers(self.indirect)
+
+    def counts(self) -> dict[str, int]:
+        """Probes, receivers, clusters and light basis vectors."""
+        return {
+            "probes": self.sizes.probes,
+            "receivers": len(self._context.lightmap.receivers),
+            "clusters": self.sizes.clusters,
+            "light_basis_vectors": self.sizes.rows,
+        }

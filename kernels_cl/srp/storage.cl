@@ -1,0 +1,69 @@
+// Transport matrices as stored: fp32, fp16 or snorm16, scaled per light basis vector.
+// Macros: STORAGE (one of STORAGE_*), VEC.
+//
+// fp16 values are scaled so that the largest of a row lies in [2^14, 2^15) and those that would be
+// subnormal are stored as 0 (gibench.techniques.srp.pack); so bits expand to a float by a shift of
+// the exponent, without a special case.
+#ifndef GIBENCH_SRP_STORAGE
+#define GIBENCH_SRP_STORAGE
+
+#include "common/vec_width.cl"
+
+#define STORAGE_FP32 0
+#define STORAGE_FP16 1
+#define STORAGE_SNORM16 2
+
+#define VEC_TYPE(name) VEC_JOIN(name, VEC)
+
+#if STORAGE == STORAGE_FP32
+typedef float stored_t;
+#define stored_scalar(p) (*(p))
+#define stored_vector(i, p) vec_load(i, p)
+#elif STORAGE == STORAGE_SNORM16
+typedef short stored_t;
+#define stored_scalar(p) ((float)*(p))
+#if VEC == 1
+#define stored_vector(i, p) ((float)(p)[i])
+#else
+#define stored_vector(i, p) VEC_JOIN(convert_float, VEC)(VEC_JOIN(vload, VEC)(i, p))
+#endif
+#else
+typedef short stored_t; // the bits of a half
+#define stored_scalar(p) vload_half(0, (__global const half *)(p))
+#if VEC == 1
+#define stored_vector(i, p) vload_half(i, (__global const half *)(p))
+#else
+// Sign to bit 31, exponent and mantissa to where a float has them, less a bias of 127 - 15.
+#define stored_vector(i, p)                                                      \
+    (VEC_JOIN(as_float, VEC)(                                                    \
+         (VEC_JOIN(convert_int, VEC)(VEC_JOIN(vload, VEC)(i, p)) << 13) & (int)0x8fffe000) * \
+     0x1p112f)
+#endif
+#endif
+
+// Sum of all lanes, pairwise.
+inline float lane_sum(vfloat v)
+{
+#if VEC == 1
+    return v;
+#else
+#if VEC >= 16
+    const float8 v8 = v.lo + v.hi;
+#elif VEC == 8
+    const float8 v8 = v;
+#endif
+#if VEC >= 8
+    const float4 v4 = v8.lo + v8.hi;
+#elif VEC == 4
+    const float4 v4 = v;
+#endif
+#if VEC >= 4
+    const float2 v2 = v4.lo + v4.hi;
+#else
+    const float2 v2 = v;
+#endif
+    return v2.x + v2.y;
+#endif
+}
+
+#endif

@@ -1,0 +1,47 @@
+// Irradiance transport as fast as we can: vectors of receivers, fused channels.
+// Macros: STORAGE, VEC.
+#include "common/vec.cl"
+#include "srp/storage.cl"
+
+// A block's row of `blocks`, BLOCK_INTS ints.
+#define BLOCK_INTS 3
+#define FIRST_VALUE 0 // in vectors of VEC
+#define FIRST_ROW 1   // of the light basis vectors
+#define ROWS 2        // light basis vectors
+
+// irradiance_transport: one work-item per VEC receivers of one cluster.
+//   irradiance[receiver] = sum over light basis vectors of reconstruction[j][receiver] * basis[j]
+// The reconstruction matrix is transposed: VEC receivers side by side, one light basis vector after
+// the other, so that no lanes need adding up.
+//   texel     (count * VEC,) of the receivers; -1 where a cluster's last vector is not full
+//   indirect  lightmap of irradiance, W/m2
+__kernel void irradiance_transport(__global const int *blocks, int count,
+                                   __global const stored_t *reconstruction,
+                                   __global const int *texel, __global const float *basis,
+                                   __global float4 *indirect)
+{
+    const int i = get_global_id(0);
+    if (i >= count)
+        return;
+    __global const int *block = blocks + BLOCK_INTS * i;
+    __global const stored_t *value = reconstruction + (size_t)block[FIRST_VALUE] * VEC;
+    __global const float *light = basis + 3 * (size_t)block[FIRST_ROW];
+    vfloat r = (vfloat)(0.0f), g = (vfloat)(0.0f), b = (vfloat)(0.0f);
+    const int rows = block[ROWS];
+    for (int j = 0; j < rows; ++j) {
+        const vfloat m = stored_vector(j, value);
+        r += m * light[3 * j];
+        g += m * light[3 * j + 1];
+        b += m * light[3 * j + 2];
+    }
+    float red[VEC], green[VEC], blue[VEC];
+    vec_store(r, 0, red);
+    vec_store(g, 0, green);
+    vec_store(b, 0, blue);
+#pragma unroll
+    for (int k = 0; k < VEC; ++k) {
+        const int at = texel[i * VEC + k];
+        if (at >= 0)
+            indirect[at] = (float4)(red[k], green[k], blue[k], 1.0f);
+    }
+}
