@@ -33,6 +33,7 @@ from gibench.scene.parts import (
     Array,
     Content,
     Part,
+    transform_light,
     transform_part,
     unit,
     vec3,
