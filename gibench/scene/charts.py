@@ -125,7 +125,7 @@ def _unfold(scene: Scene, texel_area: float) -> Charts:
 
 
 def _islands(index: Longs, vertices: int) -> tuple[Longs, int]:
-    """Label (k,) of each triangle of ``index`` (k, 3) by the vertices it shares, and their number."""
+    """Label (k,) of each triangle of ``index`` (k, 3) by shared vertices, and number of labels."""
     if not len(index):
         return np.zeros(0, np.int64), 0
     rows = np.concatenate([index[:, 0], index[:, 1]])
@@ -172,7 +172,7 @@ def _isometric(uvs: Doubles, chart: Longs, count: int, corners: Doubles, area: D
     average = np.stack(
         [np.bincount(chart[own], metric[:, a, b], count) for a in (0, 1) for b in (0, 1)], axis=1
     ).reshape(count, 2, 2)
-    average /= np.bincount(chart[own], area[own], count)[:, None, None]
+    average = average / np.bincount(chart[own], area[own], count)[:, None, None]
     values, vectors = np.linalg.eigh(average)
     root = np.einsum("cai,ci,cbi->cab", vectors, np.sqrt(np.maximum(values, 0)), vectors)
     result = uvs.copy()

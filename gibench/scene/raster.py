@@ -1,9 +1,9 @@
 """Conservative rasterisation: which texels a triangle covers, and with which part of it.
 
 A texel (x, y) is the square [x, x + 1] x [y, y + 1]. A texel is covered when the triangle overlaps
-its inside, however little (Hasselgren et al. 2005, GPU Gems 2, ch. 42, is the idea; here the overlap
-is then clipped exactly by Sutherland and Hodgman 1974). All work is vectorised and done in batches,
-so memory stays bounded whatever the size of the triangles.
+its inside, however little (Hasselgren et al. 2005, GPU Gems 2, chapter 42, is the idea; here the
+overlap is then clipped exactly, after Sutherland and Hodgman 1974). All work is vectorised and done
+in batches, so memory stays bounded whatever the size of the triangles.
 """
 
 from __future__ import annotations
@@ -122,7 +122,6 @@ def _cut(polygon: Doubles, count: Longs, distance: Doubles) -> tuple[Doubles, Lo
     n = len(polygon)
     out = np.zeros_like(polygon)
     filled = np.zeros(n, np.int64)
-    rows = np.arange(n)
     # Only polygons that cross the line need work.
     valid = np.arange(7)[None, :] < count[:, None]
     outside = (distance < 0) & valid
@@ -167,8 +166,7 @@ def _fan(triangle: Longs, x: Longs, y: Longs, polygon: Doubles, count: Longs) ->
         chosen = np.flatnonzero(i + 1 < count)
         owner.append(chosen)
         first.append(np.full(len(chosen), i))
-    own, i = np.concatenate(owner), np.concatenate(first)
-    order = np.argsort(own, kind="stable")
-    own, i = own[order], i[order]
-    corners = np.stack([b[own, 0], b[own, i], b[own, i + 1]], axis=1)
+    order = np.argsort(np.concatenate(owner), kind="stable")
+    own, corner = np.concatenate(owner)[order], np.concatenate(first)[order]
+    corners = np.stack([b[own, 0], b[own, corner], b[own, corner + 1]], axis=1)
     return Pieces(triangle[own], x[own], y[own], corners)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gibench.errors import BadInput
-from gibench.scene.builtin import box_room
+from gibench.scene.builtin import atrium, box_room, hall
 from gibench.scene.builtin.parts import Part
 from gibench.scene.builtin.settings import Settings, assemble, read_settings
 from gibench.scene.model import Scene
@@ -18,6 +18,8 @@ from gibench.scene.model import Scene
 _MAKERS: dict[str, Callable[[Settings], list[Part]]] = {
     "cornell-box": box_room.parts,
     "blue-orange-box": box_room.parts,
+    "hall": hall.parts,
+    "atrium": atrium.parts,
 }
 
 

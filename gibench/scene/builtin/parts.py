@@ -64,10 +64,11 @@ def grid_triangles(rows: int, columns: int) -> npt.NDArray[np.int64]:
 def patch(
     name: str, material: str, points: Doubles, normals: Doubles | None = None, uvs: Any = None
 ) -> Part:
-    """A grid of ``points`` (rows, columns, 3); its front is columns x rows.
+    """A grid of ``points`` (rows, columns, 3).
 
-    Quads without area (a pole) lose the empty triangle. Normals (rows, columns, 3) are taken from
-    differences between neighbours unless given.
+    Its front is columns x rows, or the side of the normals (rows, columns, 3) where they are given;
+    otherwise they are taken from differences between neighbours. Quads without area (a pole) lose
+    the empty triangle.
     """
     rows, columns = points.shape[:2]
     if normals is None:
@@ -83,7 +84,9 @@ def patch(
     flat = points.reshape(-1, 3)
     corners = flat[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    full = np.linalg.norm(cross, axis=1) > 1e-12
+    if (cross * normals.reshape(-1, 3)[triangles[:, 0]]).sum() < 0:
+        triangles = triangles[:, ::-1]
+    full = np.linalg.norm(cross, axis=1) > 1e-10
     return Part(
         name, material, flat, normals.reshape(-1, 3), np.reshape(uvs, (-1, 2)), triangles[full]
     )
@@ -98,9 +101,9 @@ def rectangle(
     grid: tuple[int, int] = (1, 1),
     metres_per_uv: float | None = None,
 ) -> Part:
-    """A rectangle from ``origin`` along ``u`` and ``v``, its front towards u x v, in a grid of quads.
+    """A rectangle from ``origin`` along ``u`` and ``v``, its front towards u x v.
 
-    Texture coordinates run from 0 to 1, or one unit in ``metres_per_uv``.
+    Made of a grid of quads. Texture coordinates run from 0 to 1, or by ``metres_per_uv``.
     """
     o, du, dv = (np.asarray(p, np.float64) for p in (origin, u, v))
     s, t = np.meshgrid(np.linspace(0, 1, grid[0] + 1), np.linspace(0, 1, grid[1] + 1))
@@ -115,8 +118,8 @@ def rectangle(
 def flat(
     name: str,
     material: str,
-    outline: Doubles,
-    holes: Sequence[Doubles] = (),
+    outline: npt.ArrayLike,
+    holes: Sequence[npt.ArrayLike] = (),
     *,
     origin: Point = (0.0, 0.0, 0.0),
     u: Point = (1.0, 0.0, 0.0),
@@ -134,7 +137,7 @@ def flat(
     a, b, c = (points[triangles[:, i]] for i in range(3))
     twice = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     triangles[twice < 0] = triangles[twice < 0][:, ::-1]
-    triangles = triangles[np.abs(twice) > 1e-12]
+    triangles = triangles[np.abs(twice) > 1e-10]
     du, dv = np.asarray(u, np.float64), np.asarray(v, np.float64)
     positions = np.asarray(origin, np.float64) + points[:, :1] * du + points[:, 1:] * dv
     normals = np.broadcast_to(np.cross(du, dv), positions.shape)

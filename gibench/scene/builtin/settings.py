@@ -10,6 +10,7 @@ import numpy as np
 
 from gibench.resources import data
 from gibench.scene.builtin.parts import Part
+from gibench.scene.builtin.patterns import pattern
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
@@ -55,9 +56,17 @@ def read_settings(name: str) -> Settings:
     """The settings of the built-in scene ``name``."""
     text = (data("scenes") / "builtin" / f"{name}.toml").read_text("utf-8")
     table = tomllib.loads(text)
-    colors: dict[str, Vec3] = dict(table.pop("materials", {}))
+    colors: dict[str, Any] = dict(table.pop("materials", {}))
     colors |= table.get("room", {}).get("colors", {})
     colors |= {box["name"]: box["color"] for box in table.get("boxes", ())}
+    textures: list[Texture] = []
+    materials: dict[str, Material] = {}
+    for n, color in colors.items():
+        if isinstance(color, dict):
+            materials[n] = Material(n, (1.0, 1.0, 1.0), texture=len(textures))
+            textures.append(pattern(n, color["pattern"], [_vec3(c) for c in color["colors"]]))
+        else:
+            materials[n] = Material(n, _vec3(color))
     return Settings(
         name=name,
         receivers=int(table.pop("receivers")),
@@ -65,11 +74,16 @@ def read_settings(name: str) -> Settings:
         lights=tuple(_light(light) for light in table.pop("lights")),
         environment=_environment(table.pop("environment")),
         cameras=tuple(
-            Camera(**{k: tuple(v) if isinstance(v, list) else v for k, v in camera.items()})
+            Camera(
+                position=_vec3(camera["position"]),
+                target=_vec3(camera["target"]),
+                fov_degrees=float(camera["fov_degrees"]),
+                name=camera["name"],
+            )
             for camera in table.pop("cameras")
         ),
-        materials={n: Material(n, _vec3(c)) for n, c in colors.items()},
-        textures=(),
+        materials=materials,
+        textures=tuple(textures),
         geometry=table,
     )
 
@@ -99,7 +113,7 @@ def _light(table: dict[str, Any]) -> Light:
 def _environment(table: dict[str, Any]) -> Environment:
     if table["kind"] == "gradient":
         return Environment.gradient(
-            *(_vec3(table[part]) for part in ("zenith", "horizon", "ground"))
+            _vec3(table["zenith"]), _vec3(table["horizon"]), _vec3(table["ground"])
         )
     return Environment.constant(_vec3(table["radiance"]))
 
