@@ -38,7 +38,10 @@ MOST_PATHS = 1 << 16
 # A standard error from fewer independent rounds says little of itself (its own relative error is
 # about 1 / sqrt(2 (rounds - 1)), a quarter at 8).
 LEAST_ROUNDS = 8
-_MOST_PATHS_PER_ROUND = 64
+# A round takes at most so many paths per receiver, or so many altogether: large enough for the
+# point sets to pay and the waves to fill, small enough to stop and save between rounds.
+_MANY_PATHS_PER_ROUND = 64
+_LARGE_ROUND = 1 << 20
 _SAVE_EVERY_SECONDS = 20.0
 # Part of every key: raise it when the estimator changes what it computes.
 _ESTIMATOR = 1
@@ -119,7 +122,7 @@ def reference_irradiance(
         raise BadInput("the lightmap belongs to another scene", where=scene.name)
     start = ReceiverStart(pack_fragments(lightmap.fragments))
     of_start = {"what": "irradiance", "receivers": _receivers_hash(lightmap)}
-    plan = _plan(paths, target_error)
+    plan = _plan(paths, target_error, start.owners)
     rounds, key = _traced(scene, start, of_start, frame, bounces, seed, plan, store_dir, progress)
     return _reference(rounds, plan, key, math.pi, rounds.mean.shape)
 
@@ -175,7 +178,7 @@ def reference_image(
         "what": f"image {width}x{height} indirect={indirect_only} irradiance={irradiance}",
         "receivers": hashlib.sha256(plane.tobytes()).hexdigest(),
     }
-    plan = _plan(paths, target_error)
+    plan = _plan(paths, target_error, start.owners)
     rounds, key = _traced(scene, start, of_start, frame, bounces, seed, plan, store_dir, progress)
     scale = math.pi if irradiance else 1.0
     return _reference(rounds, plan, key, scale, (height, width, 3))
@@ -188,9 +191,10 @@ class _Plan:
     target_error: float | None
 
 
-def _plan(paths: int | None, target_error: float | None) -> _Plan:
+def _plan(paths: int | None, target_error: float | None, owners: int) -> _Plan:
     wanted = paths or (DEFAULT_PATHS if target_error is None else MOST_PATHS)
-    per_round = min(_MOST_PATHS_PER_ROUND, 1 << int(math.log2(wanted / LEAST_ROUNDS)))
+    most = max(_MANY_PATHS_PER_ROUND, _LARGE_ROUND // owners)
+    per_round = 1 << int(math.log2(min(wanted // LEAST_ROUNDS, most)))
     return _Plan(per_round, -(-wanted // per_round), target_error)
 
 
