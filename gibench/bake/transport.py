@@ -19,7 +19,7 @@ import pyopencl as cl
 from gibench.bake.sampling import fragment_shares, primary_points, triangle_planes
 from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.srp_data import ProbeSet, sh_count
-from gibench.bake.visibility import VisibilityTables
+from gibench.bake.visibility import UNDECIDED, VisibilityTables, no_tables
 from gibench.bake.weights import Nearby, nearby
 from gibench.device import kernel_source, list_devices
 from gibench.rays.tracer import RayTracer
@@ -31,7 +31,8 @@ from gibench.scene.model import Floats, Ints, Scene
 SURFACE_OFFSET = 4e-6
 # Visibility rays end short of their target by this share of their length, for the same reason.
 SHORT_OF_TARGET = 1e-5
-UNDECIDED = 2
+# Samples of one work-item, as BLOCK in the kernels.
+BLOCK = 64
 
 
 class TransportRows(NamedTuple):
@@ -109,6 +110,7 @@ class TransportBaker:
         self.settings = settings
         self.tracer = tracer
         self.offset = surface_offset(scene)
+        self.table_receivers = len(lightmap.receivers) if tables else 0
         self.coefficients = sh_count(settings.sh_order)
         cl_device = list_devices()[0] if cl_device is None else cl_device
         self.vector = min(int(cl_device.preferred_vector_width_float), 16)
@@ -117,18 +119,18 @@ class TransportBaker:
         defines = {
             "VEC": self.vector,
             "SH_ORDER": settings.sh_order,
-            "CACHED": int(tables is not None),
-            "WORDS": tables.words if tables else 1,
-            "GRID": tables.grid if tables else 1,
+            "PROBES": len(probes),
+            "GRID": tables.grid if tables else 0,
         }
         self.program = cl.Program(self.context, kernel_source("bake/transport.cl")).build(
             options=[f"-D{name}={value}" for name, value in defines.items()]
         )
         rng = np.random.default_rng([seed, 1])
+        points = primary_points(settings.transport_rays, self.stride, seed)
         receivers, fragments = lightmap.receivers, lightmap.fragments
         arrays = {
-            "points": primary_points(settings.transport_rays, self.stride, seed),
-            "rotation": rng.random((len(receivers), 4), dtype=np.float32),
+            "points": _with_angles(points),
+            "rotations": _with_angles(rng.random((len(receivers), 4), dtype=np.float32)),
             "normals": receivers.normal,
             "fragment_start": fragments.start.astype(np.int32),
             "fragment_share": fragment_shares(fragments),
@@ -138,10 +140,7 @@ class TransportBaker:
             "triangle_uvs": lightmap.triangle_uvs,
             "receiver_of_texel": lightmap.receiver_of_texel,
             "probes": np.pad(probes.positions.astype(np.float32), ((0, 0), (0, 1))),
-            "seen": tables.seen if tables else np.zeros(1, np.uint32),
-            "undecided": tables.undecided if tables else np.zeros(1, np.uint32),
-            "open": tables.open if tables else np.zeros(1, np.uint32),
-            "open_undecided": tables.open_undecided if tables else np.zeros(1, np.uint32),
+            "states": tables.states if tables else no_tables(len(probes)),
         }
         # What lifts a point off each triangle; the last row (index -1) stands for no triangle.
         self.lift = np.pad(arrays["planes"][:, :3] * np.float32(self.offset), ((0, 1), (0, 0)))
@@ -229,14 +228,15 @@ class TransportWorker:
         shape = (len(receivers), baker.stride, 3)
         nbytes = 12 * shape[0] * shape[1]
         names = (
-            "points", "rotation", "receivers", "normals", "fragment_start", "fragment_share",
+            "points", "rotations", "receivers", "normals", "fragment_start", "fragment_share",
             "fragment_corners", "fragment_triangle", "planes",
         )  # fmt: skip
         listed = self._send("receivers", receivers.astype(np.int32))
         self._rays(
             self.queue,
-            (shape[1], shape[0]),
-            None,
+            (-(-baker.stride // BLOCK), len(receivers)),
+            (1, 1),
+            np.int32(baker.stride),
             np.int32(baker.settings.transport_rays),
             np.float32(baker.offset),
             *(listed if name == "receivers" else shared[name] for name in names),
@@ -263,14 +263,14 @@ class TransportWorker:
         visible = self._buffer("visible", len(pairs.probe) * stride)
         lightmap = baker.lightmap
         self._decide(
-            queue, (stride, count), None,
+            queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
             self._scratch["origins"], self._scratch["directions"],
             self._send("hit_triangle", found.triangle), self._send("hit_distance", found.distance),
             self._send("hit_u", found.u), self._send("hit_v", found.v),
             shared["planes"], shared["triangle_uvs"],
             np.int32(lightmap.width), np.int32(lightmap.height), shared["receiver_of_texel"],
-            start, probe, shared["probes"], shared["seen"], shared["undecided"],
-            shared["open"], shared["open_undecided"], hits, visible,
+            np.int32(baker.table_receivers), shared["states"],
+            start, probe, shared["probes"], hits, visible,
         )  # fmt: skip
         states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
         now = clock.add("decide", now, states.size)
@@ -282,9 +282,11 @@ class TransportWorker:
         inverse = self._buffer("inverse", 4 * rays)
         valid = self._buffer("valid", 4 * count)
         transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
-        self._weights(queue, (count,), None, np.int32(stride), start, weight, visible, inverse, valid)
+        self._weights(
+            queue, (count,), (1,), np.int32(stride), start, weight, visible, inverse, valid
+        )
         self._accumulate(
-            queue, (len(pairs.probe),), None, np.int32(stride),
+            queue, (len(pairs.probe),), (1,), np.int32(stride),
             self._send("pair_receiver", pairs.receiver), probe, weight, shared["probes"],
             hits, visible, inverse, valid, transport,
         )  # fmt: skip
@@ -316,6 +318,13 @@ class TransportWorker:
         blocked = baker.tracer.occluded(origins, directions, limit)
         flat[undecided] = ~blocked
         return len(undecided)
+
+
+def _with_angles(points: Floats) -> Floats:
+    """(n, 8) float32 of points (n, 4): u0, cos and sin of 2 pi u1, u2, u3, padding."""
+    angle = 2.0 * np.pi * points[:, 1].astype(np.float64)
+    columns = points[:, 0], np.cos(angle), np.sin(angle), points[:, 2], points[:, 3]
+    return np.pad(np.stack(columns, axis=1).astype(np.float32), ((0, 0), (0, 3)))
 
 
 def _pairs_of(pairs: Nearby, chunk: slice) -> Nearby:

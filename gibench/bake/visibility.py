@@ -21,7 +21,11 @@ from gibench.bake.srp_data import ProbeSet
 from gibench.progress import progress
 from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Floats, Ints, Scene
+from gibench.scene.model import Floats, Scene
+
+HIDDEN = 0
+VISIBLE = 1
+UNDECIDED = 2
 
 POINTS_PER_TEXEL = 4
 # Cells along one side of a probe's octahedral map of directions: 1.2 degrees each.
@@ -29,29 +33,27 @@ DIRECTION_GRID = 128
 RAYS_PER_CELL_SIDE = 2
 SHORT_OF_TARGET = 1e-5
 
-Words = npt.NDArray[np.uint32]
 Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class VisibilityTables:
-    """One bit per probe in rows of ``words`` 32-bit words; probe p is bit p % 32 of word p // 32.
+    """What each probe sees.
 
     Attributes:
-        words: words per row.
-        grid: cells along one side of the octahedral map.
-        seen: (n, words) the probe sees the receiver's texel.
-        undecided: (n, words) it may see part of it: trace a ray; overrules ``seen``.
-        open: (grid^2, words) the probe sees the environment in the cell's directions.
-        open_undecided: (grid^2, words) perhaps in some of them.
+        grid: cells along one side of the octahedral map of directions.
+        states: (n + grid^2 + 2, p) uint8, HIDDEN, VISIBLE or UNDECIDED (trace a ray): a row per
+            receiver's texel, a row per direction cell towards the environment, then a row of
+            HIDDEN and a row of UNDECIDED for samples that have neither.
     """
 
-    words: int
     grid: int
-    seen: Words = field(repr=False)
-    undecided: Words = field(repr=False)
-    open: Words = field(repr=False)
-    open_undecided: Words = field(repr=False)
+    states: npt.NDArray[np.uint8] = field(repr=False)
+
+
+def no_tables(probes: int) -> npt.NDArray[np.uint8]:
+    """The ``states`` of tables without receivers and directions: every pair needs a ray."""
+    return np.repeat(np.array([[HIDDEN], [UNDECIDED]], np.uint8), probes, axis=1)
 
 
 def visibility_tables(
@@ -67,22 +69,17 @@ def visibility_tables(
     points, triangle = surface_points(lightmap.fragments, POINTS_PER_TEXEL, rng)
     normals = triangle_planes(scene.corners)[:, :3][triangle].reshape(-1, 3)
     targets = points.reshape(-1, 3) + np.float32(offset) * normals
-    words = -(-len(probes) // 32)
     receivers = len(lightmap.receivers)
-    seen, undecided = (np.zeros((receivers, words), np.uint32) for _ in range(2))
-    opened, unsure = (np.zeros((DIRECTION_GRID**2, words), np.uint32) for _ in range(2))
+    states = np.empty((receivers + DIRECTION_GRID**2 + 2, len(probes)), np.uint8)
+    states[-2:] = no_tables(len(probes))
     with progress("Visibility between probes and texels", len(probes)) as advance:
         for index, probe in enumerate(probes.positions.astype(np.float32)):
-            word, bit = index // 32, np.uint32(1 << (index % 32))
             visible, hidden = _texels(probe, targets, normals, tracer)
-            settled, mixed = _settle(visible, hidden, lightmap)
-            seen[settled, word] |= bit
-            undecided[mixed, word] |= bit
+            states[:receivers, index] = _settle(visible, hidden, lightmap)
             free, blocked = _directions(probe, tracer, rng)
-            opened[free & ~blocked, word] |= bit
-            unsure[free & blocked, word] |= bit
+            states[receivers:-2, index] = np.where(free & blocked, UNDECIDED, free)
             advance(1)
-    return VisibilityTables(words, DIRECTION_GRID, seen, undecided, opened, unsure)
+    return VisibilityTables(DIRECTION_GRID, states)
 
 
 def _texels(
@@ -105,22 +102,18 @@ def _texels(
     return visible | away, hidden | away
 
 
-def _settle(visible: Flags, hidden: Flags, lightmap: Lightmap) -> tuple[Flags, Ints]:
-    """(n,) which receivers are seen for certain, and the indices of those that are undecided."""
-    away = visible & hidden
+def _settle(visible: Flags, hidden: Flags, lightmap: Lightmap) -> npt.NDArray[np.uint8]:
+    """(n,) the state of each receiver's texel from what its own and its neighbours' rays met."""
     maps = np.zeros((2, lightmap.height * lightmap.width), np.uint8)
     texel = lightmap.receivers.texel
     maps[0, texel] = visible
     maps[1, texel] = hidden
     shape = (lightmap.height, lightmap.width)
     near = [maximum_filter(m.reshape(shape), size=3).reshape(-1)[texel] > 0 for m in maps]
-    mixed = away | (near[0] & near[1])
-    return visible & ~mixed, np.flatnonzero(mixed).astype(np.int32)
+    return np.where(near[0] & near[1], UNDECIDED, visible).astype(np.uint8)
 
 
-def _directions(
-    probe: Floats, tracer: RayTracer, rng: np.random.Generator
-) -> tuple[Flags, Flags]:
+def _directions(probe: Floats, tracer: RayTracer, rng: np.random.Generator) -> tuple[Flags, Flags]:
     """Whether any ray of each direction cell, or of those around it, escapes and is blocked."""
     side = DIRECTION_GRID * RAYS_PER_CELL_SIDE
     row, column = np.divmod(np.arange(side * side), side)

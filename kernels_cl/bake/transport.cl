@@ -9,23 +9,30 @@
 //   visible     [pair][S]   uchar: 0 hidden, 1 visible, 2 undecided: the host traces a ray
 //   inverse     [R][S]      1 / sum_k w_k V_k, or 0 where no probe sees the hit (invalid sample)
 //   transport   [pair][SH_COUNT]
-// Macros: VEC, SH_ORDER, CACHED (1: visibility tables are given), WORDS (32-bit words per row of
-// those tables), GRID (cells along one side of a probe's octahedral map).
+//   states      [rows][PROBES] uchar, the same three values: one row per receiver, then one per
+//               direction cell, then a row of HIDDEN and one of UNDECIDED
+// Every kernel runs with work-groups of one work-item that does a block of samples: PoCL keeps the
+// private arrays of a whole work-group on one thread's stack.
+// Macros: VEC, SH_ORDER, PROBES, GRID (cells along one side of a probe's octahedral map, or 0:
+// no tables, every pair is UNDECIDED).
 #include "common/vec.cl"
 #include "common/vec_width.cl"
 #include "common/sh.cl"
 #include "common/octahedral.cl"
 
 #define HIDDEN 0
-#define VISIBLE 1
 #define UNDECIDED 2
+#define BLOCK 64
 
-// One primary ray per work-item (sample, receiver): thesis 5.6.2. The direction is cosine-weighted
-// about the receiver's normal, the origin a point of the surface its texel covers, both from one
-// 4D low-discrepancy point rotated per receiver (Cranley and Patterson 1976). A direction that
-// points below the very triangle it starts on leads into the solid: such a sample is invalid.
-__kernel void transport_rays(const int samples, const float offset,
-                             __global const float4 *points, __global const float4 *rotation,
+// One primary ray per sample (thesis 5.6.2); a work-item is (block of samples, receiver). The
+// direction is cosine-weighted about the receiver's normal, the origin a point of the surface its
+// texel covers, both from one 4D low-discrepancy point rotated per receiver (Cranley and Patterson
+// 1976). The azimuth's rotation is done by the sums of angles, so that no trigonometry is left:
+// points [S][8] holds u0, cos(2 pi u1), sin(2 pi u1), u2, u3 and padding, rotations [n][8] likewise.
+// A direction that points below the very triangle it starts on leads into the solid: such a
+// sample is invalid.
+__kernel void transport_rays(const int stride, const int samples, const float offset,
+                             __global const float *points, __global const float *rotations,
                              __global const int *receivers, __global const float *normals,
                              __global const int *fragment_start,
                              __global const float *fragment_share,
@@ -34,116 +41,130 @@ __kernel void transport_rays(const int samples, const float offset,
                              __global const float4 *planes, __global float *origins,
                              __global float *directions)
 {
-    const int s = get_global_id(0);
     const int receiver = receivers[get_global_id(1)];
-    const size_t ray = (size_t)get_global_id(1) * get_global_size(0) + s;
-    const float4 point = points[s] + rotation[receiver];
-    const float4 u = point - floor(point);
-
-    int low = fragment_start[receiver];
-    const int first = low;
-    int high = fragment_start[receiver + 1] - 1;
-    while (low < high) {
-        const int middle = (low + high) / 2;
-        if (fragment_share[middle] > u.z)
-            high = middle;
-        else
-            low = middle + 1;
-    }
-    const float below = low > first ? fragment_share[low - 1] : 0.0f;
-    const float width = fragment_share[low] - below;
-    const float rest = width > 0.0f ? clamp((u.z - below) / width, 0.0f, 1.0f) : 0.5f;
-    const float a = sqrt(rest);
-    const float3 origin = load3(fragment_corners, 3 * (size_t)low) * (1.0f - a) +
-                          load3(fragment_corners, 3 * (size_t)low + 1) * (a * (1.0f - u.w)) +
-                          load3(fragment_corners, 3 * (size_t)low + 2) * (a * u.w);
-    const float3 surface = planes[fragment_triangle[low]].xyz;
-
+    const int begin = get_global_id(0) * BLOCK;
+    const int end = min(begin + BLOCK, stride);
+    __global const float *rotation = rotations + 8 * (size_t)receiver;
+    const float rotate_cos = rotation[1], rotate_sin = rotation[2];
+    const int first = fragment_start[receiver];
+    const int last = fragment_start[receiver + 1] - 1;
     const float3 n = load3(normals, receiver);
     float3 t, b;
     orthonormal_basis(n, &t, &b);
-    const float radius = sqrt(u.x);
-    const float azimuth = 2.0f * PI_F * u.y;
-    float3 direction = t * (radius * cos(azimuth)) + b * (radius * sin(azimuth)) +
-                       n * sqrt(1.0f - u.x);
-    if (s >= samples || dot(direction, surface) <= 0.0f)
-        direction = (float3)(0.0f);
-    store3(origins, ray, origin + offset * surface);
-    store3(directions, ray, direction);
+
+    for (int s = begin; s < end; ++s) {
+        __global const float *point = points + 8 * s;
+        float u0 = point[0] + rotation[0];
+        float u2 = point[3] + rotation[3];
+        float u3 = point[4] + rotation[4];
+        u0 -= u0 >= 1.0f ? 1.0f : 0.0f;
+        u2 -= u2 >= 1.0f ? 1.0f : 0.0f;
+        u3 -= u3 >= 1.0f ? 1.0f : 0.0f;
+
+        int low = first;
+        int high = last;
+        while (low < high) {
+            const int middle = (low + high) / 2;
+            if (fragment_share[middle] > u2)
+                high = middle;
+            else
+                low = middle + 1;
+        }
+        const float below = low > first ? fragment_share[low - 1] : 0.0f;
+        const float width = fragment_share[low] - below;
+        const float rest = width > 0.0f ? clamp((u2 - below) / width, 0.0f, 1.0f) : 0.5f;
+        const float a = sqrt(rest);
+        const float3 origin = load3(fragment_corners, 3 * (size_t)low) * (1.0f - a) +
+                              load3(fragment_corners, 3 * (size_t)low + 1) * (a * (1.0f - u3)) +
+                              load3(fragment_corners, 3 * (size_t)low + 2) * (a * u3);
+        const float3 surface = planes[fragment_triangle[low]].xyz;
+
+        const float radius = sqrt(u0);
+        const float x = radius * (point[1] * rotate_cos - point[2] * rotate_sin);
+        const float y = radius * (point[2] * rotate_cos + point[1] * rotate_sin);
+        float3 direction = t * x + b * y + n * sqrt(1.0f - u0);
+        if (s >= samples || dot(direction, surface) <= 0.0f)
+            direction = (float3)(0.0f);
+        const size_t ray = (size_t)get_global_id(1) * stride + s;
+        store3(origins, ray, origin + offset * surface);
+        store3(directions, ray, direction);
+    }
 }
 
-// Validity and mutual visibility of one sample per work-item (sample, receiver): thesis 5.6.4.
-// What the tables agree on is settled here; the rest is left UNDECIDED.
+// Validity of samples and their mutual visibility (thesis 5.6.4); a work-item is (block of
+// samples, receiver). What the tables settle is settled here; the rest is left UNDECIDED.
 __kernel void transport_decide(
-    __global const float *origins, __global const float *directions,
+    const int stride, __global const float *origins, __global const float *directions,
     __global const int *hit_triangle, __global const float *hit_distance,
     __global const float *hit_u, __global const float *hit_v, __global const float4 *planes,
     __global const float *triangle_uvs, const int width, const int height,
-    __global const int *receiver_of_texel, __global const int *pair_start,
-    __global const int *pair_probe, __global const float4 *probes, __global const uint *seen,
-    __global const uint *undecided, __global const uint *open, __global const uint *open_undecided,
-    __global float *hits, __global uchar *visible)
+    __global const int *receiver_of_texel, const int receivers, __global const uchar *states,
+    __global const int *pair_start, __global const int *pair_probe,
+    __global const float4 *probes, __global float *hits, __global uchar *visible)
 {
-    const int s = get_global_id(0);
     const int r = get_global_id(1);
-    const size_t stride = get_global_size(0);
-    const size_t ray = r * stride + s;
-    const float3 direction = load3(directions, ray);
-    const int triangle = hit_triangle[ray];
-    const int first = pair_start[r];
-    const int last = pair_start[r + 1];
+    const int begin = get_global_id(0) * BLOCK;
+    const int count = min(BLOCK, stride - begin);
+    const size_t hidden_row = receivers + GRID * GRID;
+    const size_t undecided_row = hidden_row + 1;
+    float normal_x[BLOCK], normal_y[BLOCK], normal_z[BLOCK], distance[BLOCK];
+    size_t row[BLOCK];
 
-    bool valid = dot(direction, direction) > 0.5f;
-    float3 place = direction;
-    float4 plane = (float4)(0.0f);
-    if (triangle >= 0) {
-        plane = planes[triangle];
-        // Validity check 2: the surface faces the receiver.
-        valid = valid && dot(plane.xyz, direction) < 0.0f;
-        place = load3(origins, ray) + hit_distance[ray] * direction;
-    }
-    if (!valid)
-        place = (float3)(0.0f, 0.0f, 1.0f);
-    __global float *out = hits + (size_t)r * 4 * stride + s;
-    out[0] = place.x;
-    out[stride] = place.y;
-    out[2 * stride] = place.z;
-    out[3 * stride] = valid && triangle >= 0 ? 1.0f : 0.0f;
-
-    // The rows of the tables that hold this sample's bits, or -1 when every probe needs a ray.
-    long row = -1;
-#if CACHED
-    __global const uint *agreed = seen;
-    __global const uint *mixed = undecided;
-    if (valid && triangle >= 0) {
-        __global const float *uv = triangle_uvs + 6 * (size_t)triangle;
-        const float w1 = hit_u[ray], w2 = hit_v[ray], w0 = 1.0f - w1 - w2;
-        const float x = w0 * uv[0] + w1 * uv[2] + w2 * uv[4];
-        const float y = w0 * uv[1] + w1 * uv[3] + w2 * uv[5];
-        if (x >= 0.0f && y >= 0.0f && x < width && y < height)
-            row = receiver_of_texel[(int)y * width + (int)x];
-    } else if (valid) {
-        agreed = open;
-        mixed = open_undecided;
-        row = octahedral_cell(direction, GRID);
-    }
-#endif
-    for (int pair = first; pair < last; ++pair) {
-        uchar state = HIDDEN;
-        const int probe = pair_probe[pair];
-        // Validity check 1: the probe is in front of the surface.
-        if (valid && (triangle < 0 || dot(plane.xyz, probes[probe].xyz - place) > 0.0f)) {
-            state = UNDECIDED;
-#if CACHED
-            if (row >= 0) {
-                const size_t word = (size_t)row * WORDS + probe / 32;
-                const uint bit = 1u << (probe % 32);
-                if (!(mixed[word] & bit))
-                    state = agreed[word] & bit ? VISIBLE : HIDDEN;
+    for (int i = 0; i < count; ++i) {
+        const size_t ray = (size_t)r * stride + begin + i;
+        const float3 direction = load3(directions, ray);
+        const int triangle = hit_triangle[ray];
+        bool valid = dot(direction, direction) > 0.5f;
+        // An escape has no surface: a plane that everything is in front of.
+        float4 plane = (float4)(0.0f, 0.0f, 0.0f, -1.0f);
+        float3 place = direction;
+        size_t at = undecided_row;
+        if (triangle >= 0) {
+            plane = planes[triangle];
+            place = load3(origins, ray) + hit_distance[ray] * direction;
+            // Validity check 2: the surface faces the receiver.
+            valid = valid && dot(plane.xyz, direction) < 0.0f;
+#if GRID
+            __global const float *uv = triangle_uvs + 6 * (size_t)triangle;
+            const float w1 = hit_u[ray], w2 = hit_v[ray], w0 = 1.0f - w1 - w2;
+            const float x = w0 * uv[0] + w1 * uv[2] + w2 * uv[4];
+            const float y = w0 * uv[1] + w1 * uv[3] + w2 * uv[5];
+            // False for the NaN of a triangle without a place in the atlas.
+            if (x >= 0.0f && y >= 0.0f && x < width && y < height) {
+                const int texel_receiver = receiver_of_texel[(int)y * width + (int)x];
+                if (texel_receiver >= 0)
+                    at = texel_receiver;
             }
+        } else if (valid) {
+            at = receivers + octahedral_cell(direction, GRID);
 #endif
         }
-        visible[pair * stride + s] = state;
+        if (!valid) {
+            place = (float3)(0.0f, 0.0f, 1.0f);
+            at = hidden_row;
+        }
+        __global float *out = hits + (size_t)r * 4 * stride + begin + i;
+        out[0] = place.x;
+        out[stride] = place.y;
+        out[2 * stride] = place.z;
+        out[3 * stride] = valid && triangle >= 0 ? 1.0f : 0.0f;
+        normal_x[i] = plane.x;
+        normal_y[i] = plane.y;
+        normal_z[i] = plane.z;
+        distance[i] = plane.w;
+        row[i] = at * PROBES;
+    }
+
+    for (int pair = pair_start[r]; pair < pair_start[r + 1]; ++pair) {
+        const int probe = pair_probe[pair];
+        const float4 p = probes[probe];
+        __global const uchar *state = states + probe;
+        __global uchar *out = visible + (size_t)pair * stride + begin;
+        for (int i = 0; i < count; ++i) {
+            // Validity check 1: the probe is in front of the surface.
+            const float side = normal_x[i] * p.x + normal_y[i] * p.y + normal_z[i] * p.z;
+            out[i] = side > distance[i] ? state[row[i]] : (uchar)HIDDEN;
+        }
     }
 }
 
