@@ -169,7 +169,7 @@ def _isometric(uvs: Doubles, chart: Longs, count: int, corners: Doubles, area: D
     f = corners[own, 1:] - corners[own, :1]  # (k, 2, 3)
     jacobian = np.linalg.solve(e, f)  # (k, 2, 3): d position / d uv
     metric = np.einsum("kai,kbi->kab", jacobian, jacobian) * area[own, None, None]
-    average = np.stack(
+    average: Doubles = np.stack(
         [np.bincount(chart[own], metric[:, a, b], count) for a in (0, 1) for b in (0, 1)], axis=1
     ).reshape(count, 2, 2)
     average = average / np.bincount(chart[own], area[own], count)[:, None, None]

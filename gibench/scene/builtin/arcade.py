@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle
+from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle, shifted
 from gibench.scene.builtin.shapes import curve, fluted_shaft, lathe, swept
 
 
@@ -100,7 +100,7 @@ def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
         left = (i - bays / 2) * bay
         x = left + bay / 2
         arc = np.stack([np.cos(angle[::-1]), np.sin(angle[::-1])], axis=1) * bay / 2
-        spandrel = np.concatenate([[*arc, x, storey.spring],
+        spandrel = np.concatenate([shifted(arc, x, storey.spring),
                                    [(left, storey.top), (left + bay, storey.top)]])  # fmt: skip
         made.append(flat("", "stone", spandrel, origin=(0, 0, t), v=(0, 1, 0)))
         made.append(
@@ -120,7 +120,7 @@ def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
 
 
 def pier(arcade: Arcade, storey: Storey, towards: tuple[float, float]) -> list[Part]:
-    """A square pier about the origin; a wall meets its face on the side ``towards`` of x and of z."""
+    """A square pier about the origin; walls meet its faces on the sides ``towards`` of x and z."""
     p, t = arcade.pier_half, arcade.thickness / 2
     y0, y1, spring = storey.floor, storey.top, storey.spring
     notched = [(-p, y0), (p, y0), (p, y1), (t, y1), (t, spring), (-t, spring), (-t, y1), (-p, y1)]

@@ -1,7 +1,7 @@
 """A colonnaded court of two storeys under an open sky, in the manner of Sponza.
 
-A rectangular court is surrounded on both storeys by arcades: columns carry arched walls, those carry
-slabs. Every surface ends where it meets another: floors have holes under columns, ceilings over
+A rectangular court is surrounded on both storeys by arcades: columns carry arched walls, and those
+carry slabs. Every surface ends where it meets another: floors have holes under columns, ceilings over
 walls, abaci under arches.
 """
 
@@ -20,7 +20,7 @@ from gibench.scene.builtin.arcade import (
     pier,
     plinth_half,
 )
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle
+from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle, shifted
 from gibench.scene.builtin.settings import Settings
 from gibench.scene.builtin.shapes import curtain, curve, handrail, lathe, pieces_of, rim
 
@@ -101,7 +101,7 @@ def _rectangle_ring(half: tuple[float, float]) -> Ring:
 
 def _square(half: float, center: tuple[float, float]) -> Ring:
     """A square (4, 2) in (x, -z) about ``center`` (x, z)."""
-    return [*_rectangle_ring((half, half)), center[0], -center[1]]
+    return shifted(_rectangle_ring((half, half)), center[0], -center[1])
 
 
 def _places(plan: Plan) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
@@ -146,10 +146,10 @@ def _shell(plan: Plan, feet: list[Ring]) -> list[Part]:
     inner_ring, outer_ring = _wall_rings(plan)
     made = [flat("floor", "floor", outer, [*plinths, *pillars, *feet], metres_per_uv=2.0)]
     for storey in (plan.lower, plan.upper):
-        down = {"origin": (0.0, storey.top, 0.0), "v": (0.0, 0.0, 1.0), "metres_per_uv": 2.0}
-        name = f"{storey.name} ceiling"
-        made.append(flat(name, "plaster", outer, [outer_ring], **down))
-        made.append(flat(name, "stone", inner_ring, [court], **down))
+        # Seen from below, v is +z; all these rings are symmetric.
+        name, at, v = f"{storey.name} ceiling", (0.0, storey.top, 0.0), (0.0, 0.0, 1.0)
+        made.append(flat(name, "plaster", outer, [outer_ring], origin=at, v=v))
+        made.append(flat(name, "stone", inner_ring, [court], origin=at, v=v))
         made += _walls(plan, storey)
     x, z = plan.court
     y, s = plan.lower.top, plan.slab

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat
+from gibench.scene.builtin.parts import Doubles, Part, circle, flat, shifted
 from gibench.scene.builtin.shapes import curve, lathe, loft, superellipse
 
 
 def furniture(segments: int) -> tuple[list[Part], list[Doubles]]:
-    """Sofas, tables with bowls, stools, plants; and the rings (n, 2) where they stand, in (x, -z)."""
+    """Sofas, tables with bowls, stools, plants; the rings (n, 2), in (x, -z), where they stand."""
     made: list[Part] = []
     feet: list[Doubles] = []
     for i, (x, z, turn) in enumerate(((-3.9, 2.9, 180.0), (-3.9, 0.3, 0.0), (0.6, 2.7, 180.0))):
@@ -32,7 +32,7 @@ def furniture(segments: int) -> tuple[list[Part], list[Doubles]]:
 
 
 def _skin(name: str, material: str, ring: Doubles, profile: Doubles) -> Part:
-    """A cushion-like body: ``ring`` (n, 2) shrunk by profile[:, 0] metres at height profile[:, 1]."""
+    """A cushion: ``ring`` (n, 2) shrunk by profile[:, 0] metres at height profile[:, 1]."""
     half = np.abs(ring).max(axis=0)
     rings = np.empty((len(profile), len(ring), 3))
     for row, (inset, y) in enumerate(profile):
@@ -60,8 +60,8 @@ def _sofa(name: str, segments: int) -> tuple[list[Part], Doubles]:
     foot = superellipse(1.15, 0.5, segments, 6.0)
     made = [_skin(name, "fabric", foot, _cushion(0.0, 0.42, 0.03, 0.06))]
     top = _shrunk(foot, 0.06)
-    backrest = [*superellipse(0.78, 0.1, segments, 5.0), 0.0, 0.3]
-    arms = [[*superellipse(0.09, 0.36, segments // 2, 5.0), s * 0.95, 0.0] for s in (-1, 1)]
+    backrest = shifted(superellipse(0.78, 0.1, segments, 5.0), 0.0, 0.3)
+    arms = [shifted(superellipse(0.09, 0.36, segments // 2, 5.0), s * 0.95, 0) for s in (-1, 1)]
     made.append(flat(name, "fabric", top, [backrest, *arms], origin=(0.0, 0.42, 0.0)))
     for ring, height in ((backrest, 0.85), (arms[0], 0.6), (arms[1], 0.6)):
         center = (ring.max(axis=0) + ring.min(axis=0)) / 2
@@ -111,7 +111,7 @@ def _plant(name: str, at: tuple[float, float, float], segments: int) -> list[Par
             (0.15, 1.65),
             (0.0, 1.75),
         ],
-        20,
+        26,
     )
     return [
         *lathe(name, "glaze", np.concatenate([pot, soil]), segments, at),

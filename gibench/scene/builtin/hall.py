@@ -1,6 +1,6 @@
 """A modern hall of two storeys: windows to the sky, a mezzanine, a staircase, round furniture.
 
-The room lies between x = -6 and 6, z = -4.5 and 4.5, y = 0 and 6.2; the mezzanine is along its back.
+The room lies between x = -6 and 6, z = -4.5 and 4.5, y = 0 and 6.2; the mezzanine is at its back.
 All walls, slabs and steps end where they meet.
 """
 
@@ -122,8 +122,8 @@ def _wall(
             flat(name, "wall", ring, [w.ring for w in openings], origin=o, u=u, v=(0, 1, 0))
         )
     for window in openings:
-        ring = window.ring
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+        rim = window.ring
+        for a, b in zip(rim, np.roll(rim, -1, axis=0), strict=True):
             corner = o + a[0] * u + [0, a[1], 0]
             side = (b[0] - a[0]) * u + [0, b[1] - a[1], 0]
             # Counter-clockwise round the opening, the inside lies to the left.

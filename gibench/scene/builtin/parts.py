@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mapbox_earcut import triangulate_float64
 
 Doubles = npt.NDArray[np.float64]
-Point = Sequence[float]
+Point = Sequence[float] | Doubles
 
 
 @dataclass(frozen=True)
@@ -165,6 +165,11 @@ def footprint(size: Point, center: Point, turn_degrees: float = 0.0) -> Doubles:
     p = np.array([(-x, z), (x, z), (x, -z), (-x, -z)])
     turned = np.stack([c * p[:, 0] + s * p[:, 1], -s * p[:, 0] + c * p[:, 1]], axis=1)
     return np.asarray((turned + np.asarray(center, np.float64)) * [1.0, -1.0])
+
+
+def shifted(ring: npt.ArrayLike, x: float, y: float) -> Doubles:
+    """``ring`` (n, 2) moved by (x, y)."""
+    return np.asarray(np.asarray(ring, np.float64) + np.array([x, y]))
 
 
 def circle(radius: float, center: Point = (0.0, 0.0), segments: int = 32) -> Doubles:

@@ -40,7 +40,7 @@ def _tiles(x: Doubles, y: Doubles, shade: Doubles) -> Doubles:
     dark = (np.floor(x * 2) + np.floor(y * 2)) % 2 == 0
     joint = ((x * 2) % 1 < 0.03) | ((y * 2) % 1 < 0.03)
     image = np.where(dark[..., None], shade[0], shade[1])
-    return np.where(joint[..., None], shade[2], image)
+    return np.asarray(np.where(joint[..., None], shade[2], image))
 
 
 def _bricks(x: Doubles, y: Doubles, shade: Doubles) -> Doubles:
@@ -50,4 +50,4 @@ def _bricks(x: Doubles, y: Doubles, shade: Doubles) -> Doubles:
     tone = 0.85 + 0.3 * ((np.floor(along) % 4 * 7 + course * 5) % 11) / 10
     image = np.clip(shade[0] * tone[..., None], 0.02, 0.9)
     joint = (along % 1 < 0.04) | ((y * 8) % 1 < 0.08)
-    return np.where(joint[..., None], shade[1], image)
+    return np.asarray(np.where(joint[..., None], shade[1], image))
