@@ -32,6 +32,8 @@ from gibench.scene.textures import (
 # no default; 0.8 is Material's own.
 DEFAULT_COLOR: Vec3 = Material("default").base_color
 
+Corner = tuple[int, int, int]
+
 
 @dataclass(frozen=True)
 class _RunKey:
@@ -106,8 +108,9 @@ def _plain(text: str, path: Path) -> _PlainObj:
     plain = _PlainObj()
     counts = plain.counts
     group, material = "", ""
+    seen: dict[str, Corner] = {}
     # Indices may point forwards, so the range is checked at the end.
-    pending: list[tuple[_RunKey, list[tuple[int, int, int]]]] = []
+    pending: list[tuple[_RunKey, list[Corner]]] = []
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
         if not words:
@@ -127,7 +130,7 @@ def _plain(text: str, path: Path) -> _PlainObj:
             counts[keyword] += 1
         elif keyword == "f":
             try:
-                corners = [_corner(word, counts) for word in words[1:]]
+                corners = [seen.get(word) or _corner(word, counts, seen) for word in words[1:]]
             except ValueError as error:
                 raise BadInput(f"line {number}: face index '{error}'", where=path) from error
             if len(corners) < 3:
@@ -152,8 +155,11 @@ def _plain(text: str, path: Path) -> _PlainObj:
     return plain
 
 
-def _corner(word: str, counts: dict[str, int]) -> tuple[int, int, int]:
-    """Absolute 1-based (vertex, uv, normal) of ``1/2/3``; 0 stands for none, -1 for outside."""
+def _corner(word: str, counts: dict[str, int], seen: dict[str, Corner]) -> Corner:
+    """Absolute 1-based (vertex, uv, normal) of ``1/2/3``; 0 stands for none, -1 for outside.
+
+    What does not depend on the place in the file is noted in ``seen``: most corners recur.
+    """
     indices = [0, 0, 0]
     for i, (digits, keyword) in enumerate(zip(word.split("/"), counts, strict=False)):
         if not digits:
@@ -169,12 +175,13 @@ def _corner(word: str, counts: dict[str, int]) -> tuple[int, int, int]:
         indices[i] = index
     if not indices[0]:
         raise ValueError(word)
-    return indices[0], indices[1], indices[2]
+    corner = indices[0], indices[1], indices[2]
+    if "-" not in word:
+        seen[word] = corner
+    return corner
 
 
-def _write_faces(
-    plain: _PlainObj, pending: list[tuple[_RunKey, list[tuple[int, int, int]]]]
-) -> None:
+def _write_faces(plain: _PlainObj, pending: list[tuple[_RunKey, list[Corner]]]) -> None:
     limits = tuple(plain.counts.values())
     for key, corners in pending:
         if any(
