@@ -81,7 +81,10 @@ def call(arguments: list[str], *, debug: bool = False) -> int:
         return 0
     except typer.Exit as leave:
         return int(leave.exit_code)
-    except BrokenPipeError:  # 'gibench ... | head': the reader has what it wanted
+    except (BrokenPipeError, SystemExit) as error:
+        # 'gibench ... | head': the reader has what it wanted (rich turns that into SystemExit).
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except (KeyboardInterrupt, typer.Abort):

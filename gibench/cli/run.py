@@ -144,6 +144,7 @@ def run(
     from gibench.measure.roofs import measure_roofs
     from gibench.measure.run_folder import RunFolder, default_folder
     from gibench.measure.shared import Shared
+    from gibench.measure.view import choose_camera
 
     # Everything that can be wrong is found before anything long.
     width, height = options.resolution(resolution)
@@ -156,7 +157,7 @@ def run(
     loop = LoopOptions(frames, warmup, width, height, camera, fit, seed)
     shared = Shared(cache, seed)
     for name in asked.scenes:
-        shared.scene(name)
+        choose_camera(shared.scene(name), camera)
     arguments = _arguments(locals())
     folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
 
@@ -166,12 +167,13 @@ def run(
     folder.write_record(record)
     writer = _image_writer(folder.path) if save_images else None
     outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer)
-    roofs = measure_roofs(profiles[0], cl_device)
-    record = finish_record(record, outcome, shared, roofs)
+    after = None if outcome.interrupted else measure_roofs(profiles[0], cl_device)
+    record = finish_record(record, outcome, shared, after)
     folder.write_record(record)
     write_tables(folder, record, show=not quiet and outcome.samples > 0)
     if not quiet and outcome.samples:
-        typer.echo(f"{len(outcome.results)} configurations, written to {folder.path}")
+        ran = sum(result.frames > 0 for result in outcome.results)
+        typer.echo(f"{ran} of {len(outcome.results)} configurations ran; see {folder.path}")
     _conclude(outcome, folder.path)
 
 

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from gibench.errors import CannotRun
+from gibench.device import Device
+from gibench.errors import CannotRun, GibenchError
 from gibench.profiles import DeviceProfile
 from gibench.scene.model import Scene
-from gibench.techniques.registry import TechniqueSpec
+from gibench.techniques.registry import CreateContext, TechniqueSpec
+
+FEWEST_RECEIVERS = 64
+"""What --fit goes down to."""
+
+_NO_LIMIT = 1 << 62
+_MARGIN = 0.97  # receivers come in whole clusters and rows: a little less than in proportion
 
 
 @dataclass(frozen=True)
@@ -53,11 +60,62 @@ class Footprint:
         if asked <= there:
             return
         most = self.most_receivers(receivers)
-        mend = f"--receivers {most} would fit, or pass --fit" if most else "no receiver count fits"
-        if not most:
-            mend = "no number of receivers fits: lower --probes, --sh-order or --resolution"
+        mend = "no number of receivers fits: lower --probes, --sh-order or --resolution"
+        if most:
+            mend = f"--receivers {most} may fit (or pass --fit)"
         raise CannotRun(
             f"{self.spec.name} on {self.scene.name} with {receivers:,} receivers asks for at least "
             f"{asked:,} bytes; profile {self.profile.name} has {there:,}",
             mend=mend,
         )
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a technique really allocates when no profile stops it, bytes."""
+
+    total: int
+    largest: int
+
+    def receivers_that_fit(self, profile: DeviceProfile, receivers: int) -> int:
+        """About how many of ``receivers`` would fit, taking all memory in proportion to them."""
+        share = min(
+            profile.memory_budget_bytes / self.total, profile.max_buffer_bytes / self.largest, 1.0
+        )
+        return int(receivers * share * _MARGIN)
+
+    def refusal(
+        self, spec: TechniqueSpec, scene: Scene, profile: DeviceProfile, receivers: int
+    ) -> CannotRun:
+        """The error that says the bytes asked, the bytes there, and what would fit."""
+        fewer = self.receivers_that_fit(profile, receivers)
+        mend = "lower --receivers, --probes, --sh-order or --resolution"
+        if fewer >= FEWEST_RECEIVERS:
+            mend = f"about --receivers {fewer} would fit (or pass --fit)"
+        return CannotRun(
+            f"{spec.name} on {scene.name} with {receivers:,} receivers asks for {self.total:,} "
+            f"bytes, {self.largest:,} of them in one buffer; profile {profile.name} has "
+            f"{profile.memory_budget_bytes:,} and allows {profile.max_buffer_bytes:,} in one",
+            mend=mend,
+        )
+
+
+def measure_demand(spec: TechniqueSpec, context: CreateContext) -> Demand | None:
+    """What ``spec`` allocates for ``context`` on its device without the profile's memory limits.
+
+    None where it cannot be told: the executing device itself has too little, or something else
+    than memory forbids it.
+    """
+    refused = context.device
+    lifted = replace(refused.profile, memory_budget_bytes=_NO_LIMIT, max_buffer_bytes=_NO_LIMIT)
+    device = Device(lifted, refused.cl_device)
+    try:
+        spec.create(replace(context, device=device))
+    except (GibenchError, MemoryError):
+        return None
+    ledger = device.memory
+    demand = Demand(ledger.peak_bytes, max(ledger.allocated.values(), default=0))
+    limits = refused.profile
+    if demand.total <= limits.memory_budget_bytes and demand.largest <= limits.max_buffer_bytes:
+        return None
+    return demand

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from gibench.bake.srp_data import SrpBake
 from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.configuration import Configuration
 from gibench.measure.enqueue import FrameTimes, PreparedPass, enqueue_frame, prepare_passes
 from gibench.measure.environment import without_paths
-from gibench.measure.fit import Footprint
+from gibench.measure.fit import FEWEST_RECEIVERS, Footprint, measure_demand
 from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult, PassResult
 from gibench.measure.run_folder import RunFolder
 from gibench.measure.shared import Shared
@@ -23,9 +24,6 @@ from gibench.measure.view import choose_camera
 from gibench.progress import progress
 from gibench.techniques.registry import CreateContext
 from gibench.techniques.technique import Technique
-
-_FIT_STEP = 0.8  # --fit tries this share of the receivers again where the floor was too low a guess
-_FEWEST_RECEIVERS = 64
 
 TakeImages = Callable[[ConfigurationResult, dict[str, Any]], None]
 
@@ -141,7 +139,8 @@ def _run(
         prepared = prepare_passes(technique, result.configuration.workgroup_size)
         result.counts = dict(technique.counts())
         result.passes = [
-            PassResult(p.name, p.work, p.status, without_paths(p.problem or "")) for p in prepared
+            PassResult(p.name, p.work, p.status, without_paths(p.problem or result.reason))
+            for p in prepared
         ]
         complete = all(p.status == OK for p in prepared)
         if any(p.status == OK for p in prepared):
@@ -170,43 +169,45 @@ def _set_up(
     scene = shared.scene(configuration.scene)
     camera = choose_camera(scene, options.camera)
     result.camera = camera.name
-    asked = configuration.receivers or scene.receivers
+    asked = receivers = configuration.receivers or scene.receivers
     result.receivers_asked = asked
     footprint = Footprint(spec, scene, settings, options.width, options.height, profile)
-    receivers = asked
     if options.fit:
         receivers = footprint.most_receivers(asked) or asked
     footprint.check(receivers)
     while True:
         lightmap, baked = shared.baked(spec, settings, configuration.scene, receivers)
-        device = Device(profile, cl_device)
+        context = CreateContext(
+            device=Device(profile, cl_device),
+            scene=scene,
+            lightmap=lightmap,
+            settings=settings,
+            baked=baked,
+            variant=configuration.variant,
+            workgroup_size=configuration.workgroup_size,
+            width=options.width,
+            height=options.height,
+            camera=camera,
+            seed=options.seed,
+        )
         try:
-            technique = spec.create(
-                CreateContext(
-                    device=device,
-                    scene=scene,
-                    lightmap=lightmap,
-                    settings=settings,
-                    baked=baked,
-                    variant=configuration.variant,
-                    workgroup_size=configuration.workgroup_size,
-                    width=options.width,
-                    height=options.height,
-                    camera=camera,
-                    seed=options.seed,
-                )
-            )
+            technique = spec.create(context)
             break
-        except CannotRun:
-            if not options.fit or receivers * _FIT_STEP < _FEWEST_RECEIVERS:
-                raise
-            receivers = int(receivers * _FIT_STEP)
-            del device
-            gc.collect()
+        except CannotRun as error:
+            demand = measure_demand(spec, context)
+            fewer = demand.receivers_that_fit(profile, receivers) if demand else 0
+            if not options.fit or fewer < FEWEST_RECEIVERS:
+                raise demand.refusal(spec, scene, profile, receivers) if demand else error from None
+            receivers = fewer
     if receivers != asked:
-        result.reason = f"fitted: {receivers} receivers asked for instead of {asked}"
+        result.reason = f"fitted: aims for {receivers:,} receivers instead of {asked:,}"
         result.notes.append(f"{result.reason}, so that it fits profile {profile.name}")
-    return device, technique
+    if isinstance(baked, SrpBake):
+        result.notes.append(
+            f"{100 * baked.usable_share:.2f} % of the receivers lie within a probe that they can "
+            f"use; {baked.overlap:.1f} probes reach a receiver on average"
+        )
+    return context.device, technique
 
 
 def _frames(

@@ -43,15 +43,18 @@ def begin_record(
 
 
 def finish_record(
-    record: Mapping[str, Any], outcome: Outcome, shared: Shared, roofs: Roofs
+    record: Mapping[str, Any], outcome: Outcome, shared: Shared, roofs: Roofs | None
 ) -> dict[str, Any]:
-    """The record with what came out."""
+    """The record with what came out; ``roofs`` as they are now, None if not measured again."""
     return {
         **record,
         "finished": True,
         "interrupted": outcome.interrupted,
         "finished_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
-        "roofs": {"start": record["roofs"]["start"], "end": asdict(roofs)},
+        "roofs": {
+            "start": record["roofs"]["start"],
+            "end": asdict(roofs) if roofs else record["roofs"]["start"],
+        },
         "scenes": _scenes(outcome, shared),
         "configurations": [result.record() for result in outcome.results],
     }

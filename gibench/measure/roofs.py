@@ -19,7 +19,7 @@ _ITEMS_PER_UNIT = 64  # work-items per compute unit and launch: enough to balanc
 _FMA_CHAINS = 10  # as in roofs.cl
 _FMA_TURNS = 20_000
 _LAUNCHES = 100
-_REPEATS = 5
+_REPEATS = 7
 _RAYS = 1 << 17
 
 
@@ -111,7 +111,7 @@ def _mrays(device: Device) -> float:
     except CannotRun:
         return NAN
     seconds = np.inf
-    for _ in range(3):
+    for _ in range(_REPEATS):
         tracer.closest(origins, directions.astype(np.float32))
         seconds = min(seconds, tracer.kernel_seconds)
     tracer.release()

@@ -1,0 +1,111 @@
+"""A tiny technique of two streaming passes, to run the whole frame loop in milliseconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from gibench.errors import BadInput
+from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec
+from gibench.techniques.technique import Launch, Pass, Work
+
+FLOATS = 4096
+
+
+@dataclass(frozen=True)
+class FakeSettings:
+    sh_order: int = 1
+    probes: int | None = None
+    bytes_per_receiver: int = 16
+    floor_per_receiver: int = 0
+    scale: float = 0.5
+    flag: bool = False
+    fault: str | None = None
+    fault_frame: int = 2
+
+    def __post_init__(self) -> None:
+        if self.scale < 0:
+            raise BadInput(f"scale is {self.scale}")
+
+
+class Fake:
+    name: ClassVar[str] = "fake"
+
+    def __init__(self, context: CreateContext) -> None:
+        self.device, self.settings = context.device, context.settings
+        self.receivers = len(context.lightmap.receivers)
+        rng = np.random.default_rng(context.seed)
+        self.a = self.device.empty("a", FLOATS, np.float32)
+        self.b = self.device.upload("b", rng.random(FLOATS, np.float32))
+        self.state = self.device.empty(
+            "state", (self.receivers, self.settings.bytes_per_receiver), np.uint8
+        )
+        if self.settings.fault == "create":
+            raise ValueError("told to fall over in /home/someone/secret/file.py")
+
+    def passes(self) -> list[Pass]:
+        def triad() -> list[Launch]:
+            program = self.device.program("measure/roofs.cl", {"VEC": 4})
+            sizes = np.uint32(FLOATS // 4), np.uint32(1)
+            arguments = (self.a, self.b, self.b, np.float32(self.settings.scale), *sizes)
+            return [Launch(program, "roof_triad", arguments, items=FLOATS // 4)]
+
+        def read() -> list[Launch]:
+            path = "no/such.cl" if self.settings.fault == "build" else "measure/roofs.cl"
+            program = self.device.program(path, {"VEC": 4})
+            arguments = (self.a, self.b, np.uint32(FLOATS // 4), np.uint32(4))
+            return [Launch(program, "roof_read", arguments, items=FLOATS // 16, workgroup_size=32)]
+
+        stream = Work(flops=2 * FLOATS, bytes_read=8 * FLOATS, bytes_written=4 * FLOATS)
+        return [Pass("triad", triad, stream), Pass("read", read, Work(bytes_read=4 * FLOATS))]
+
+    def begin_frame(self, frame: int) -> None:
+        if frame == self.settings.fault_frame:
+            if self.settings.fault == "interrupt":
+                raise KeyboardInterrupt
+            if self.settings.fault == "frame":
+                raise RuntimeError("told to fall over in a frame")
+
+    def images(self) -> dict[str, Any]:
+        return {"frame": np.full((3, 4, 3), 0.25, np.float32)}
+
+    def indirect_irradiance(self) -> Any:
+        bad = np.nan if self.settings.fault == "nan" else 0.0
+        return np.full((self.receivers, 3), bad, np.float32)
+
+    def counts(self) -> dict[str, int]:
+        return {"receivers": self.receivers, "probes": self.settings.probes or 7}
+
+
+def bake(context: BakeContext) -> None:
+    if context.settings.fault == "bake":
+        raise BadInput("the bake refuses")
+
+
+SPEC = TechniqueSpec(
+    name="fake",
+    title="Two streaming passes",
+    variants=("published", "tuned"),
+    settings_type=FakeSettings,
+    bake=bake,
+    create=Fake,
+    memory_floor=lambda scene, n, settings, width, height: n * settings.floor_per_receiver,
+)
+
+
+@dataclass(frozen=True)
+class PlainSettings:
+    pass
+
+
+PLAIN = TechniqueSpec(
+    name="plain",
+    title="One without options or variants",
+    variants=("tuned",),
+    settings_type=PlainSettings,
+    bake=bake,
+    create=Fake,
+    memory_floor=lambda scene, n, settings, width, height: 0,
+)
