@@ -93,14 +93,12 @@ def _hdr_rows(body: npt.NDArray[np.uint8], height: int, width: int) -> npt.NDArr
             x = 0
             while x < width:
                 count = int(body[at])
-                if count > 128:  # a run of one value
-                    count -= 128
-                    channel[x : x + count] = body[at + 1]
-                    at += 2
-                else:
-                    channel[x : x + count] = body[at + 1 : at + 1 + count]
-                    at += 1 + count
-                if count == 0 or x + count > width:
-                    raise ValueError("a run leaves its row")
+                same = count > 128  # a run of one value
+                count -= 128 if same else 0
+                length = 2 if same else 1 + count
+                if count == 0 or x + count > width or at + length > len(body):
+                    raise ValueError("a run leaves its row or the file")
+                channel[x : x + count] = body[at + 1 : at + length]
+                at += length
                 x += count
     return rows.transpose(0, 2, 1)
