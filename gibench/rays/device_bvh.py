@@ -16,6 +16,7 @@ from gibench.rays.tracer import Hits
 from gibench.scene.model import Floats
 
 _CHUNK_RAYS = 262144
+_PACKET_RAYS = 16
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ class DeviceTracer:
         workgroup_size: work-items per group; the profile's default when None.
         chunk_rays: rays per launch.
         name: prefix of the buffers' names in the ledger.
+        packets: trace 16 consecutive rays together (kernels_cl/common/bvh_packet.cl): the same hits
+            up to rounding, faster for coherent rays only.
 
     Raises:
         CannotRun: the work-group size or the buffers break the device's profile.
@@ -72,12 +75,14 @@ class DeviceTracer:
         workgroup_size: int | None = None,
         chunk_rays: int = _CHUNK_RAYS,
         name: str = "tracer",
+        packets: bool = False,
     ) -> None:
         self.device = device
         self.device_bvh = device_bvh
         self.chunk_rays = chunk_rays
         self.workgroup_size = workgroup_size or device.profile.default_workgroup_size
-        program = device.program("rays/trace.cl")
+        program = device.program("rays/trace_packets.cl" if packets else "rays/trace.cl")
+        self._rays_per_item = _PACKET_RAYS if packets else 1
         self._closest = program.kernel("trace_closest")
         self._occluded = program.kernel("trace_occluded")
         for kernel in (self._closest, self._occluded):
@@ -142,7 +147,7 @@ class DeviceTracer:
                 np.int32(count),
                 result.mem,
             )
-            items = -(-count // size) * size
+            items = -(-count // (size * self._rays_per_item)) * size
             event = cl.enqueue_nd_range_kernel(queue, kernel, (items,), (size,))
             cl.enqueue_copy(queue, out[part], result.mem)
             self.kernel_seconds += (event.profile.end - event.profile.start) * 1e-9

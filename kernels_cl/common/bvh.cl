@@ -150,6 +150,47 @@ inline uint bvh_block(__global const float *block, const BvhRay *r, float t_max,
     return bvh_mask(inside & (distance > 0.0f) & (distance < t_max) & (det != 0.0f));
 }
 
+// The nearest of a node's children in `mask` (not 0); the others go on the stack, farthest first.
+inline int bvh_push(__global const float *node, uint mask, float8 entry, int *nodes,
+                    float *distances, int *top)
+{
+    __global const int *children = (__global const int *)(node + 48);
+    uint i = bvh_lowest(mask);
+    mask &= mask - 1;
+    int current = children[i];
+    if (mask == 0)
+        return current;
+    float entries[8];
+    vstore8(entry, 0, entries);
+    float nearest = entries[i];
+    const int bottom = *top;
+    int end = bottom;
+    do {
+        i = bvh_lowest(mask);
+        mask &= mask - 1;
+        float d = entries[i];
+        int child = children[i];
+        if (d < nearest) {
+            const float far = nearest;
+            const int far_child = current;
+            nearest = d;
+            current = child;
+            d = far;
+            child = far_child;
+        }
+        int at = end++;
+        while (at > bottom && distances[at - 1] < d) {
+            distances[at] = distances[at - 1];
+            nodes[at] = nodes[at - 1];
+            at--;
+        }
+        distances[at] = d;
+        nodes[at] = child;
+    } while (mask);
+    *top = end;
+    return current;
+}
+
 // The closest hit at a distance in (0, t_max).
 inline Hit bvh_closest(BVH_PARAMS, float3 origin, float3 direction, float t_max)
 {
@@ -164,45 +205,13 @@ inline Hit bvh_closest(BVH_PARAMS, float3 origin, float3 direction, float t_max)
         // Down to a leaf, nearest child first.
         while (current >= 0) {
             __global const float *node = bvh_nodes + (size_t)current * BVH_NODE_FLOATS;
-            __global const int *children = (__global const int *)(node + 48);
             float8 entry;
-            uint mask = bvh_boxes(node, &r, limit, &entry);
+            const uint mask = bvh_boxes(node, &r, limit, &entry);
             if (mask == 0) {
                 current = INT_MIN;
                 break;
             }
-            float entries[8];
-            vstore8(entry, 0, entries);
-            uint i = bvh_lowest(mask);
-            mask &= mask - 1;
-            current = children[i];
-            if (mask == 0)
-                continue;
-            float nearest = entries[i];
-            const int bottom = top;
-            do {
-                // Insert, farthest at the bottom; the nearest stays out as `current`.
-                i = bvh_lowest(mask);
-                mask &= mask - 1;
-                float d = entries[i];
-                int child = children[i];
-                if (d < nearest) {
-                    const float far = nearest;
-                    const int far_child = current;
-                    nearest = d;
-                    current = child;
-                    d = far;
-                    child = far_child;
-                }
-                int at = top++;
-                while (at > bottom && distances[at - 1] < d) {
-                    distances[at] = distances[at - 1];
-                    nodes[at] = nodes[at - 1];
-                    at--;
-                }
-                distances[at] = d;
-                nodes[at] = child;
-            } while (mask);
+            current = bvh_push(node, mask, entry, nodes, distances, &top);
         }
         if (current != INT_MIN) {
             const uint leaf = (uint)~current;

@@ -1,0 +1,332 @@
+// Sixteen coherent rays at a time through the tree of common/bvh.cl: primary rays of a tile of
+// pixels, shadow rays of neighbouring texels. For processors with wide vectors.
+//
+// Boxes are tested once for the whole packet, 8 at a time, with the intervals of its origins and
+// inverse directions (Boulos, Wald and Shirley 2006, "Geometric and Arithmetic Culling Methods for
+// Entire Ray Packets"); triangles one at a time, 16 rays at once, by the same watertight test as for
+// single rays with one shear axis for all. Results are those of single rays up to rounding whatever
+// the rays are; they are fast only where rays start and head alike. A packet whose directions
+// differ in sign on an axis, or have no long axis in common, is traced ray by ray, and one that has
+// spent BVH_PACKET_BUDGET goes on ray by ray: its bounds hold too much besides its rays.
+#ifndef GIBENCH_BVH_PACKET
+#define GIBENCH_BVH_PACKET
+
+#include "common/bvh.cl"
+
+// What a packet may spend, a node counting 1 and a block of triangles 4 (their times, measured on
+// PoCL). Sixteen single primary rays in Sponza spend about 400 in these units.
+#ifndef BVH_PACKET_BUDGET
+#define BVH_PACKET_BUDGET 160
+#endif
+
+typedef struct {
+    float16 t;
+    float16 u;
+    float16 v;
+    int16 triangle;
+} Hit16;
+
+typedef struct {
+    // Per axis: the origins' bounds that make entry early and exit late, least and greatest inverse.
+    float3 origin_near, origin_far;
+    float3 inverse_low, inverse_high;
+    int near_x, near_y, near_z;
+    int kx, ky, kz;
+    float16 ox, oy, oz;
+    float16 sx, sy, sz;
+} BvhPacket;
+
+inline float bvh_least(float16 a)
+{
+    const float8 b = min(a.lo, a.hi);
+    const float4 c = min(b.lo, b.hi);
+    const float2 d = min(c.lo, c.hi);
+    return min(d.x, d.y);
+}
+
+inline float bvh_greatest(float16 a)
+{
+    return -bvh_least(-a);
+}
+
+inline uint bvh_mask16(int16 lanes)
+{
+    return bvh_mask(lanes.lo) | (bvh_mask(lanes.hi) << 8);
+}
+
+// Bounds of one axis; false where directions differ in sign or vanish.
+inline bool bvh_axis(float16 o, float16 d, float *origin_near, float *origin_far,
+                     float *inverse_low, float *inverse_high)
+{
+    const float low = bvh_least(d), high = bvh_greatest(d);
+    const bool backwards = high < 0.0f;
+    *origin_near = backwards ? bvh_least(o) : bvh_greatest(o);
+    *origin_far = backwards ? bvh_greatest(o) : bvh_least(o);
+    // Divided with the rounding of either side covered: 1 ulp is far less than 4e-7.
+    *inverse_low = 1.0f / high * (backwards ? 1.0000004f : 0.9999996f);
+    *inverse_high = 1.0f / low * (backwards ? 0.9999996f : 1.0000004f);
+    return (low > 1e-18f || high < -1e-18f);
+}
+
+// Sets the packet up; false where it must be traced ray by ray.
+inline bool bvh_packet(float16 ox, float16 oy, float16 oz, float16 dx, float16 dy, float16 dz,
+                       BvhPacket *p)
+{
+    float3 near, far, low, high;
+    float a, b, c, d;
+    bool fit = bvh_axis(ox, dx, &a, &b, &c, &d);
+    near.x = a, far.x = b, low.x = c, high.x = d;
+    fit &= bvh_axis(oy, dy, &a, &b, &c, &d);
+    near.y = a, far.y = b, low.y = c, high.y = d;
+    fit &= bvh_axis(oz, dz, &a, &b, &c, &d);
+    near.z = a, far.z = b, low.z = c, high.z = d;
+    p->origin_near = near, p->origin_far = far;
+    p->inverse_low = low, p->inverse_high = high;
+    p->near_x = low.x < 0.0f ? 8 : 0;
+    p->near_y = low.y < 0.0f ? 24 : 16;
+    p->near_z = low.z < 0.0f ? 40 : 32;
+    const float16 ax = fabs(dx), ay = fabs(dy), az = fabs(dz);
+    // A shear axis shorter than half of the longest one would cost precision.
+    if (bvh_mask16(ax * 2.0f < max(ay, az)) == 0) {
+        p->kx = 8, p->ky = 16, p->kz = 0;
+        p->ox = oy, p->oy = oz, p->oz = ox;
+        p->sz = 1.0f / dx;
+        p->sx = dy * p->sz, p->sy = dz * p->sz;
+    } else if (bvh_mask16(ay * 2.0f < max(ax, az)) == 0) {
+        p->kx = 16, p->ky = 0, p->kz = 8;
+        p->ox = oz, p->oy = ox, p->oz = oy;
+        p->sz = 1.0f / dy;
+        p->sx = dz * p->sz, p->sy = dx * p->sz;
+    } else if (bvh_mask16(az * 2.0f < max(ax, ay)) == 0) {
+        p->kx = 0, p->ky = 8, p->kz = 16;
+        p->ox = ox, p->oy = oy, p->oz = oz;
+        p->sz = 1.0f / dz;
+        p->sx = dx * p->sz, p->sy = dy * p->sz;
+    } else {
+        fit = false;
+    }
+    return fit;
+}
+
+inline float8 bvh_enter(__global const float *bounds, float origin, float low, float high)
+{
+    const float8 b = vload8(0, bounds) - origin;
+    return min(b * low, b * high);
+}
+
+inline float8 bvh_leave(__global const float *bounds, float origin, float low, float high)
+{
+    const float8 b = vload8(0, bounds) - origin;
+    return max(b * low, b * high);
+}
+
+// Which boxes any ray may meet before t_max; no ray enters before `entry`.
+inline uint bvh_packet_boxes(__global const float *node, const BvhPacket *p, float t_max,
+                             float8 *entry)
+{
+    const float3 near = p->origin_near, far = p->origin_far;
+    const float3 low = p->inverse_low, high = p->inverse_high;
+    const float8 nx = bvh_enter(node + p->near_x, near.x, low.x, high.x);
+    const float8 ny = bvh_enter(node + p->near_y, near.y, low.y, high.y);
+    const float8 nz = bvh_enter(node + p->near_z, near.z, low.z, high.z);
+    const float8 fx = bvh_leave(node + (p->near_x ^ 8), far.x, low.x, high.x);
+    const float8 fy = bvh_leave(node + (p->near_y ^ 8), far.y, low.y, high.y);
+    const float8 fz = bvh_leave(node + (p->near_z ^ 8), far.z, low.z, high.z);
+    const float8 enter = max(max(nx, ny), max(nz, (float8)(0.0f)));
+    const float8 leave = min(min(fx, fy), min(fz, (float8)(t_max))) * 1.0000004f;
+    *entry = enter;
+    return bvh_mask(enter <= leave);
+}
+
+inline float16 bvh_edge16(float16 a, float16 b, float16 c, float16 d)
+{
+#pragma OPENCL FP_CONTRACT OFF
+    const float16 p = a * b;
+    const float16 q = c * d;
+    return p - q;
+}
+
+// Which rays hit the triangle whose corner 0 is at `corner` in a block, in (0, t_max).
+inline int16 bvh_packet_triangle(__global const float *corner, const BvhPacket *p, float16 t_max,
+                                 float16 *t, float16 *u, float16 *v)
+{
+    const float16 az = corner[p->kz] - p->oz;
+    const float16 bz = corner[24 + p->kz] - p->oz;
+    const float16 cz = corner[48 + p->kz] - p->oz;
+    const float16 ax = (corner[p->kx] - p->ox) - p->sx * az;
+    const float16 bx = (corner[24 + p->kx] - p->ox) - p->sx * bz;
+    const float16 cx = (corner[48 + p->kx] - p->ox) - p->sx * cz;
+    const float16 ay = (corner[p->ky] - p->oy) - p->sy * az;
+    const float16 by = (corner[24 + p->ky] - p->oy) - p->sy * bz;
+    const float16 cy = (corner[48 + p->ky] - p->oy) - p->sy * cz;
+    const float16 e0 = bvh_edge16(cx, by, cy, bx);
+    const float16 e1 = bvh_edge16(ax, cy, ay, cx);
+    const float16 e2 = bvh_edge16(bx, ay, by, ax);
+    const int16 inside = (min(min(e0, e1), e2) >= 0.0f) | (max(max(e0, e1), e2) <= 0.0f);
+    if (bvh_mask16(inside) == 0)
+        return inside;
+    const float16 det = e0 + e1 + e2;
+    const float16 inverse = 1.0f / det;
+    const float16 distance = (e0 * az + e1 * bz + e2 * cz) * p->sz * inverse;
+    *t = distance;
+    *u = e1 * inverse;
+    *v = e2 * inverse;
+    return inside & (distance > 0.0f) & (distance < t_max) & (det != 0.0f);
+}
+
+inline Hit16 bvh_closest_singly(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
+                                float16 dy, float16 dz, float16 t_max)
+{
+    float o[3][16], d[3][16], limit[16], t[16], u[16], v[16];
+    int triangle[16];
+    vstore16(ox, 0, o[0]), vstore16(oy, 0, o[1]), vstore16(oz, 0, o[2]);
+    vstore16(dx, 0, d[0]), vstore16(dy, 0, d[1]), vstore16(dz, 0, d[2]);
+    vstore16(t_max, 0, limit);
+    for (int i = 0; i < 16; i++) {
+        Hit hit = {INFINITY, 0.0f, 0.0f, -1};
+        if (limit[i] > 0.0f)
+            hit = bvh_closest(BVH_ARGS, (float3)(o[0][i], o[1][i], o[2][i]),
+                              (float3)(d[0][i], d[1][i], d[2][i]), limit[i]);
+        t[i] = hit.t, u[i] = hit.u, v[i] = hit.v, triangle[i] = hit.triangle;
+    }
+    Hit16 hits;
+    hits.t = vload16(0, t), hits.u = vload16(0, u), hits.v = vload16(0, v);
+    hits.triangle = vload16(0, triangle);
+    return hits;
+}
+
+inline int16 bvh_occluded_singly(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
+                                 float16 dy, float16 dz, float16 t_max)
+{
+    float o[3][16], d[3][16], limit[16];
+    int blocked[16];
+    vstore16(ox, 0, o[0]), vstore16(oy, 0, o[1]), vstore16(oz, 0, o[2]);
+    vstore16(dx, 0, d[0]), vstore16(dy, 0, d[1]), vstore16(dz, 0, d[2]);
+    vstore16(t_max, 0, limit);
+    for (int i = 0; i < 16; i++)
+        blocked[i] = -(int)(limit[i] > 0.0f
+                            && bvh_occluded(BVH_ARGS, (float3)(o[0][i], o[1][i], o[2][i]),
+                                            (float3)(d[0][i], d[1][i], d[2][i]), limit[i]));
+    return vload16(0, blocked);
+}
+
+// Closest hits of 16 rays at distances in (0, t_max); t_max <= 0 leaves a ray out.
+inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
+                                float16 dy, float16 dz, float16 t_max)
+{
+    BvhPacket p;
+    if (!bvh_packet(ox, oy, oz, dx, dy, dz, &p))
+        return bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
+    Hit16 hits;
+    hits.t = INFINITY, hits.u = 0.0f, hits.v = 0.0f, hits.triangle = -1;
+    float16 limits = t_max;
+    float limit = bvh_greatest(limits);
+    int nodes[BVH_STACK];
+    float distances[BVH_STACK];
+    int top = 0;
+    int current = 0;
+    int budget = BVH_PACKET_BUDGET;
+    while (true) {
+        while (current >= 0) {
+            budget--;
+            __global const float *node = bvh_nodes + (size_t)current * BVH_NODE_FLOATS;
+            float8 entry;
+            const uint mask = bvh_packet_boxes(node, &p, limit, &entry);
+            current = mask ? bvh_push(node, mask, entry, nodes, distances, &top) : INT_MIN;
+        }
+        if (current != INT_MIN) {
+            const uint leaf = (uint)~current;
+            __global const float *block = bvh_triangles + (size_t)(leaf >> 2) * BVH_BLOCK_FLOATS;
+            __global const float *end = block + ((leaf & 3) + 1) * BVH_BLOCK_FLOATS;
+            for (; block != end; block += BVH_BLOCK_FLOATS) {
+                __global const int *ids = (__global const int *)(block + 72);
+                budget -= 4;
+                for (int i = 0; i < 8 && ids[i] >= 0; i++) {
+                    float16 t, u, v;
+                    const int16 hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
+                    if (bvh_mask16(hit)) {
+                        hits.t = select(hits.t, t, hit);
+                        hits.u = select(hits.u, u, hit);
+                        hits.v = select(hits.v, v, hit);
+                        hits.triangle = select(hits.triangle, (int16)(ids[i]), hit);
+                        limits = select(limits, t, hit);
+                        limit = bvh_greatest(limits);
+                    }
+                }
+            }
+        }
+        do {
+            if (top == 0)
+                return hits;
+            top--;
+        } while (distances[top] >= limit);
+        if (budget < 0) {
+            const Hit16 nearer
+                = bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, limits);
+            const int16 found = nearer.triangle >= 0;
+            hits.t = select(hits.t, nearer.t, found);
+            hits.u = select(hits.u, nearer.u, found);
+            hits.v = select(hits.v, nearer.v, found);
+            hits.triangle = select(hits.triangle, nearer.triangle, found);
+            return hits;
+        }
+        current = nodes[top];
+    }
+}
+
+// Whether anything is hit at a distance in (0, t_max), -1 or 0 for each of 16 rays; t_max <= 0
+// leaves a ray out.
+inline int16 bvh_occluded_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
+                                 float16 dy, float16 dz, float16 t_max)
+{
+    BvhPacket p;
+    if (!bvh_packet(ox, oy, oz, dx, dy, dz, &p))
+        return bvh_occluded_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
+    int16 blocked = 0;
+    float16 limits = t_max; // of rays still open; blocked ones have 0
+    float limit = bvh_greatest(limits);
+    int nodes[BVH_STACK];
+    float distances[BVH_STACK];
+    int top = 0;
+    int current = limit > 0.0f ? 0 : INT_MIN;
+    int budget = BVH_PACKET_BUDGET;
+    while (true) {
+        while (current >= 0) {
+            budget--;
+            __global const float *node = bvh_nodes + (size_t)current * BVH_NODE_FLOATS;
+            float8 entry;
+            const uint mask = bvh_packet_boxes(node, &p, limit, &entry);
+            current = mask ? bvh_push(node, mask, entry, nodes, distances, &top) : INT_MIN;
+        }
+        if (current != INT_MIN) {
+            const uint leaf = (uint)~current;
+            __global const float *block = bvh_triangles + (size_t)(leaf >> 2) * BVH_BLOCK_FLOATS;
+            __global const float *end = block + ((leaf & 3) + 1) * BVH_BLOCK_FLOATS;
+            for (; block != end; block += BVH_BLOCK_FLOATS) {
+                __global const int *ids = (__global const int *)(block + 72);
+                budget -= 4;
+                for (int i = 0; i < 8 && ids[i] >= 0; i++) {
+                    float16 t, u, v;
+                    const int16 hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
+                    if (bvh_mask16(hit)) {
+                        blocked |= hit;
+                        limits = select(limits, (float16)(0.0f), hit);
+                        limit = bvh_greatest(limits);
+                        if (limit <= 0.0f)
+                            return blocked;
+                    }
+                }
+            }
+        }
+        do {
+            if (top == 0)
+                return blocked;
+            top--;
+        } while (distances[top] >= limit);
+        if (budget < 0)
+            return blocked | bvh_occluded_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, limits);
+        current = nodes[top];
+    }
+}
+
+#endif
