@@ -13,19 +13,27 @@
 #define STORAGE_FP16 1
 #define STORAGE_SNORM16 2
 
-#define VEC_TYPE(name) VEC_JOIN(name, VEC)
+// The i-th vector behind a pointer that is aligned to whole vectors. Not vloadn: PoCL 3 leaves that
+// a function call, around which every accumulator is spilled.
+#if VEC == 1
+#define float_vector(i, p) ((p)[i])
+#define short_vector(i, p) ((p)[i])
+#else
+#define float_vector(i, p) (((__global const VEC_JOIN(float, VEC) *)(p))[i])
+#define short_vector(i, p) (((__global const VEC_JOIN(short, VEC) *)(p))[i])
+#endif
 
 #if STORAGE == STORAGE_FP32
 typedef float stored_t;
 #define stored_scalar(p) (*(p))
-#define stored_vector(i, p) vec_load(i, p)
+#define stored_vector(i, p) float_vector(i, p)
 #elif STORAGE == STORAGE_SNORM16
 typedef short stored_t;
 #define stored_scalar(p) ((float)*(p))
 #if VEC == 1
 #define stored_vector(i, p) ((float)(p)[i])
 #else
-#define stored_vector(i, p) VEC_JOIN(convert_float, VEC)(VEC_JOIN(vload, VEC)(i, p))
+#define stored_vector(i, p) VEC_JOIN(convert_float, VEC)(short_vector(i, p))
 #endif
 #else
 typedef short stored_t; // the bits of a half
@@ -33,11 +41,19 @@ typedef short stored_t; // the bits of a half
 #if VEC == 1
 #define stored_vector(i, p) vload_half(i, (__global const half *)(p))
 #else
+// x86 converts a vector of halves in one instruction; vload_halfn is a function call in PoCL.
+#if VEC == 16 && defined(__AVX512F__) && defined(__clang__)
+#define stored_vector(i, p) \
+    __builtin_ia32_vcvtph2ps512_mask(short_vector(i, p), (float16)(0.0f), (ushort)0xffff, 4)
+#elif VEC == 8 && defined(__F16C__) && defined(__clang__)
+#define stored_vector(i, p) __builtin_ia32_vcvtph2ps256(short_vector(i, p))
+#else
 // Sign to bit 31, exponent and mantissa to where a float has them, less a bias of 127 - 15.
-#define stored_vector(i, p)                                                      \
-    (VEC_JOIN(as_float, VEC)(                                                    \
-         (VEC_JOIN(convert_int, VEC)(VEC_JOIN(vload, VEC)(i, p)) << 13) & (int)0x8fffe000) * \
+#define stored_vector(i, p)                                                           \
+    (VEC_JOIN(as_float, VEC)((VEC_JOIN(convert_int, VEC)(short_vector(i, p)) << 13) & \
+                             (int)0x8fffe000) *                                       \
      0x1p112f)
+#endif
 #endif
 #endif
 

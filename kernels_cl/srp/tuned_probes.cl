@@ -1,7 +1,7 @@
 // Probe update as fast as we can: a small matrix product with gathered radiance.
 // Macros: VEC, VECTORS (vectors of coefficients per work-item), SAMPLES (relight samples),
 // CHUNK (samples held in local memory at once), STRIDE (coefficients padded to whole vectors).
-#include "common/vec_width.cl"
+#include "srp/storage.cl"
 
 // probe_update: one work-group per probe.
 //   lambda[i][j] = sum over relight rays of radiance * Y_j * 4 pi / samples
@@ -37,15 +37,15 @@ __kernel void probe_update(__global const int *frame_state, __global const int *
             vfloat r[VECTORS], g[VECTORS], b[VECTORS];
 #pragma unroll
             for (int k = 0; k < VECTORS; ++k) {
-                r[k] = first ? vec_load(k, out) : (vfloat)(0.0f);
-                g[k] = first ? vec_load(k, out + STRIDE) : (vfloat)(0.0f);
-                b[k] = first ? vec_load(k, out + 2 * STRIDE) : (vfloat)(0.0f);
+                r[k] = first ? float_vector(k, out) : (vfloat)(0.0f);
+                g[k] = first ? float_vector(k, out + STRIDE) : (vfloat)(0.0f);
+                b[k] = first ? float_vector(k, out + 2 * STRIDE) : (vfloat)(0.0f);
             }
             __global const float *y = basis + (size_t)first * STRIDE + at;
             for (int i = 0; i < count; ++i, y += STRIDE) {
 #pragma unroll
                 for (int k = 0; k < VECTORS; ++k) {
-                    const vfloat value = vec_load(k, y);
+                    const vfloat value = float_vector(k, y);
                     r[k] += red[i] * value;
                     g[k] += green[i] * value;
                     b[k] += blue[i] * value;
@@ -53,9 +53,9 @@ __kernel void probe_update(__global const int *frame_state, __global const int *
             }
 #pragma unroll
             for (int k = 0; k < VECTORS; ++k) {
-                vec_store(r[k], k, out);
-                vec_store(g[k], k, out + STRIDE);
-                vec_store(b[k], k, out + 2 * STRIDE);
+                ((__global vfloat *)out)[k] = r[k];
+                ((__global vfloat *)(out + STRIDE))[k] = g[k];
+                ((__global vfloat *)(out + 2 * STRIDE))[k] = b[k];
             }
         }
         barrier(CLK_LOCAL_MEM_FENCE);

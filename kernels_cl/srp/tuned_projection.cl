@@ -18,9 +18,9 @@
             __global const float *light = lambda + (size_t)probe[p] * 3 * STRIDE;            \
             _Pragma("unroll") for (int v = 0; v < VECTORS; ++v)                              \
             {                                                                                \
-                const vfloat red = vec_load(v, light);                                       \
-                const vfloat green = vec_load(v, light + STRIDE);                            \
-                const vfloat blue = vec_load(v, light + 2 * STRIDE);                         \
+                const vfloat red = float_vector(v, light);                                       \
+                const vfloat green = float_vector(v, light + STRIDE);                            \
+                const vfloat blue = float_vector(v, light + 2 * STRIDE);                         \
                 _Pragma("unroll") for (int i = 0; i < COUNT; ++i)                            \
                 {                                                                            \
                     const vfloat m = stored_vector(i, value);                                \

@@ -34,10 +34,7 @@ __kernel void irradiance_transport(__global const int *blocks, int count,
         g += m * light[3 * j + 1];
         b += m * light[3 * j + 2];
     }
-    float red[VEC], green[VEC], blue[VEC];
-    vec_store(r, 0, red);
-    vec_store(g, 0, green);
-    vec_store(b, 0, blue);
+    const float *red = (const float *)&r, *green = (const float *)&g, *blue = (const float *)&b;
 #pragma unroll
     for (int k = 0; k < VEC; ++k) {
         const int at = texel[i * VEC + k];
