@@ -12,7 +12,7 @@ import io
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh.exchange.obj as trimesh_obj
@@ -35,8 +35,7 @@ DEFAULT_COLOR: Vec3 = Material("default").base_color
 Corner = tuple[int, int, int]
 
 
-@dataclass(frozen=True)
-class _RunKey:
+class _RunKey(NamedTuple):
     """Faces that become one part: same group, same material, same kinds of index."""
 
     group: str
@@ -139,8 +138,8 @@ def _plain(text: str, path: Path) -> _PlainObj:
             key = _RunKey(
                 group,
                 material,
-                all(corner[1] for corner in corners),
-                all(corner[2] for corner in corners),
+                0 not in [corner[1] for corner in corners],
+                0 not in [corner[2] for corner in corners],
             )
             pending.append((key, corners))
         elif keyword in ("o", "g"):
@@ -182,27 +181,34 @@ def _corner(word: str, counts: dict[str, int], seen: dict[str, Corner]) -> Corne
 
 
 def _write_faces(plain: _PlainObj, pending: list[tuple[_RunKey, list[Corner]]]) -> None:
-    limits = tuple(plain.counts.values())
+    # One cache of corner texts for each kind of face, as most corners recur.
+    caches: dict[tuple[bool, bool], dict[Corner, str]] = {}
     for key, corners in pending:
-        if any(
-            not 0 < v <= limits[0]
-            or (key.has_uv and not 0 < t <= limits[1])
-            or (key.has_normal and not 0 < n <= limits[2])
-            for v, t, n in corners
-        ):
+        cache = caches.setdefault((key.has_uv, key.has_normal), {})
+        words = []
+        for corner in corners:
+            word = cache.get(corner)
+            if word is None:
+                word = cache[corner] = _corner_text(corner, key, plain.counts)
+            words.append(word)
+        if "" in words:
             plain.out_of_range += 1
             continue
-        if key.has_uv and key.has_normal:
-            words = [f"{v}/{t}/{n}" for v, t, n in corners]
-        elif key.has_uv:
-            words = [f"{v}/{t}" for v, t, n in corners]
-        elif key.has_normal:
-            words = [f"{v}//{n}" for v, t, n in corners]
-        else:
-            words = [str(v) for v, t, n in corners]
         lines = plain.faces.setdefault(key, [])
         for second, third in pairwise(words[1:]):
             lines.append(f"f {words[0]} {second} {third}")
+
+
+def _corner_text(corner: Corner, key: _RunKey, counts: dict[str, int]) -> str:
+    """The corner in OBJ's writing, without the indices its run does not use; '' outside."""
+    used = (True, key.has_uv, key.has_normal)
+    for index, is_used, count in zip(corner, used, counts.values(), strict=True):
+        if is_used and not 0 < index <= count:
+            return ""
+    v, t, n = corner
+    if key.has_uv:
+        return f"{v}/{t}/{n}" if key.has_normal else f"{v}/{t}"
+    return f"{v}//{n}" if key.has_normal else str(v)
 
 
 def _through_trimesh(
