@@ -16,6 +16,10 @@ from gibench.scene.raster import Doubles, Longs, Pieces, clip
 CLOSE_ENOUGH = 0.002
 LONGEST_SECANT = 5
 LONGEST_SEARCH = 16
+# Where a receiver's centroid lies off its surface: a fragment is a sliver below this share of the
+# largest one, and the nearest point moves by this share towards the middle of its fragment.
+SLIVER = 0.1
+DRAWN_INWARDS = 0.5
 
 
 def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
@@ -156,15 +160,22 @@ def _unit(
 
 
 def _nearest(corners: Doubles, point: Doubles, start: Longs, owner: Longs) -> Doubles:
-    """The point of every receiver's surface nearest to ``point`` (n, 3).
+    """The point of every receiver's surface nearest to its centroid ``point`` (n, 3).
 
-    A centroid of a curved or folded patch lies off the surface, possibly inside a wall; the nearest
-    point of the patch does not.
+    The centroid of a curved, folded or holed patch lies off the patch, possibly inside a wall. The
+    nearest point may then lie on the patch's outline, where a wall begins; it is drawn inwards.
+    Slivers beside a larger fragment are passed over.
     """
     candidate = closest_point(corners, point[owner])
-    distance = ((candidate - point[owner]) ** 2).sum(axis=1)
-    order = np.lexsort((distance, owner))
-    return np.asarray(candidate[order[start]])
+    distance = np.linalg.norm(candidate - point[owner], axis=1)
+    area = triangle_areas(corners)
+    largest = np.maximum.reduceat(area, start)[owner]
+    sliver = (area < SLIVER * largest) & (distance > 0)
+    best = np.lexsort((distance, sliver, owner))[start]
+    size = np.sqrt(np.add.reduceat(area, start))
+    off = distance[best] > 1e-4 * size
+    inwards = corners[best].mean(axis=1) - candidate[best]
+    return np.asarray(candidate[best] + np.where(off, DRAWN_INWARDS, 0.0)[:, None] * inwards)
 
 
 def closest_point(corners: Doubles, point: Doubles) -> Doubles:

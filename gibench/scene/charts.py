@@ -169,11 +169,11 @@ def _isometric(uvs: Doubles, chart: Longs, count: int, corners: Doubles, area: D
     f = corners[own, 1:] - corners[own, :1]  # (k, 2, 3)
     jacobian = np.linalg.solve(e, f)  # (k, 2, 3): d position / d uv
     metric = np.einsum("kai,kbi->kab", jacobian, jacobian) * area[own, None, None]
-    average: Doubles = np.stack(
-        [np.bincount(chart[own], metric[:, a, b], count) for a in (0, 1) for b in (0, 1)], axis=1
-    ).reshape(count, 2, 2)
-    average = average / np.bincount(chart[own], area[own], count)[:, None, None]
-    values, vectors = np.linalg.eigh(average)
+    entries = [np.bincount(chart[own], metric[:, a, b], count) for a in (0, 1) for b in (0, 1)]
+    total = np.bincount(chart[own], area[own], count)
+    values, vectors = np.linalg.eigh(
+        np.stack(entries, axis=1).reshape(-1, 2, 2) / total[:, None, None]
+    )
     root = np.einsum("cai,ci,cbi->cab", vectors, np.sqrt(np.maximum(values, 0)), vectors)
     result = uvs.copy()
     result[own] = np.einsum("kia,kab->kib", uvs[own], root[chart[own]])

@@ -9,6 +9,9 @@ import numpy as np
 from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle, shifted
 from gibench.scene.builtin.shapes import curve, fluted_shaft, lathe, swept
 
+# Neighbouring bands keep twice this apart, m, so that no wedge closes between them.
+BAND_GAP = 0.02
+
 
 @dataclass(frozen=True)
 class Arcade:
@@ -71,10 +74,10 @@ def abacus_half(arcade: Arcade) -> float:
 
 def _band_profile(arcade: Arcade) -> Doubles:
     """The arch's section (k, 2) as (radius, depth), from the front of the wall to its back."""
-    inner, outer = arcade.opening, arcade.bay / 2
+    inner, outer = arcade.opening, arcade.bay / 2 - BAND_GAP
     t, d, w = arcade.thickness / 2, arcade.relief, arcade.band
     front = [
-        (outer, t), (outer, t + d), (outer - 0.35 * w, t + d), (outer - 0.42 * w, t + 0.6 * d),
+        (outer, t), (outer, t + d), (outer - 0.33 * w, t + d), (outer - 0.42 * w, t + 0.6 * d),
         (outer - 0.85 * w, t + 0.6 * d), (inner, t),
     ]  # fmt: skip
     soffit = [(inner, t - arcade.thickness * i / 3) for i in (1, 2)]
@@ -83,8 +86,9 @@ def _band_profile(arcade: Arcade) -> Doubles:
 
 def _half_section(arcade: Arcade) -> Doubles:
     """The foot of an arch in plan: (distance from the column's axis, depth)."""
-    profile = _band_profile(arcade)[1:-1]
-    return np.stack([arcade.bay / 2 - profile[:, 0], profile[:, 1]], axis=1)
+    profile, t = _band_profile(arcade), arcade.thickness / 2
+    foot = np.stack([arcade.bay / 2 - profile[:, 0], profile[:, 1]], axis=1)
+    return np.concatenate([[(0.0, t)], foot, [(0.0, -t)]])
 
 
 def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
@@ -99,9 +103,10 @@ def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
     for i in range(bays):
         left = (i - bays / 2) * bay
         x = left + bay / 2
-        arc = np.stack([np.cos(angle[::-1]), np.sin(angle[::-1])], axis=1) * bay / 2
-        spandrel = np.concatenate([shifted(arc, x, storey.spring),
-                                   [(left, storey.top), (left + bay, storey.top)]])  # fmt: skip
+        arc = np.stack([np.cos(angle[::-1]), np.sin(angle[::-1])], axis=1) * profile[0, 0]
+        y, top = storey.spring, storey.top
+        frame = [(left, y), (left, top), (left + bay, top), (left + bay, y)]
+        spandrel = np.concatenate([shifted(arc, x, y), frame])
         made.append(flat("", "stone", spandrel, origin=(0, 0, t), v=(0, 1, 0)))
         made.append(
             flat("", "stone", spandrel * [-1, 1], origin=(0, 0, -t), u=(-1, 0, 0), v=(0, 1, 0))
@@ -150,10 +155,10 @@ def column(arcade: Arcade, storey: Storey) -> list[Part]:
     square = np.array([(-low, -low), (low, -low), (low, low), (-low, low)])
     made.append(flat("", "stone", square, [circle(foot, segments=n)], origin=(0, base, 0)))
     torus = curve(
-        [(foot, base), (r * 1.42, base + 0.05), (foot, base + 0.1), (r * 1.12, base + 0.14),
+        [(foot, base + 0.02), (r * 1.42, base + 0.06), (foot, base + 0.1), (r * 1.12, base + 0.14),
          (r * 1.18, base + 0.19), (r * 1.05, base + 0.24), (r, shaft[0])], 11
     )  # fmt: skip
-    made += lathe("", "stone", torus, n)
+    made += lathe("", "stone", np.concatenate([[(foot, base)], torus]), n)
     made.append(
         fluted_shaft("", "stone", (r, neck), shaft, flutes=16, segments=n, rows=arcade.rows)
     )

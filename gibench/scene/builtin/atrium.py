@@ -1,8 +1,8 @@
 """A colonnaded court of two storeys under an open sky, in the manner of Sponza.
 
 A rectangular court is surrounded on both storeys by arcades: columns carry arched walls, and those
-carry slabs. Every surface ends where it meets another: floors have holes under columns, ceilings over
-walls, abaci under arches.
+carry slabs. Every surface ends where it meets another: floors have holes under columns, ceilings
+over walls, abaci under arches.
 """
 
 from __future__ import annotations
@@ -253,8 +253,9 @@ def _railings(plan: Plan) -> tuple[list[Part], list[Ring]]:
     feet: list[Ring] = []
     y, height, segments = plan.upper.floor, 0.85, 10
     profile = curve(
-        [(0.05, 0.0), (0.075, 0.12), (0.05, 0.3), (0.035, 0.5), (0.06, 0.72), (0.045, height)], 8
+        [(0.05, 0.06), (0.075, 0.17), (0.05, 0.33), (0.035, 0.5), (0.06, 0.72), (0.045, height)], 8
     )
+    profile = np.concatenate([[(0.05, 0.0)], profile])
     ax, az = plan.axis
     gap = plinth_half(plan.arcade) + 0.06
     for across, count, level in ((az, plan.bays[0], "x"), (ax, plan.bays[1], "z")):

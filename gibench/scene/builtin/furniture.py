@@ -44,10 +44,12 @@ def _skin(name: str, material: str, ring: Doubles, profile: Doubles) -> Part:
 def _cushion(bottom: float, top: float, bulge: float, inset: float, rows: int = 9) -> Doubles:
     """Profile of a cushion: out from its foot, up, and in to a flat top ``inset`` inwards."""
     middle = (bottom + top) / 2
-    return curve(
-        [(0.0, bottom), (-bulge, bottom + 0.3 * (middle - bottom)), (-bulge, middle),
-         (-bulge * 0.6, top - 0.08), (0.02, top - 0.015), (inset, top)], rows
+    body = curve(
+        [(0.0, bottom + 0.03), (-bulge, bottom + 0.3 * (middle - bottom)), (-bulge, middle),
+         (-bulge * 0.6, top - 0.08), (0.02, top - 0.015), (inset, top)], rows - 1
     )  # fmt: skip
+    # It rises straight from what it stands on, so that no wedge closes over the floor.
+    return np.concatenate([[(0.0, bottom)], body])
 
 
 def _shrunk(ring: Doubles, inset: float) -> Doubles:
@@ -79,7 +81,7 @@ def _table(name: str, at: tuple[float, float, float], segments: int) -> list[Par
     y = 0.46
     foot = curve([(0.26, 0.0), (0.22, 0.02), (0.06, 0.08), (0.045, 0.25), (0.08, y - 0.03)], 9)
     plate = [(0.55, y - 0.03), (0.57, y - 0.015), (0.55, y), (0.08, y)]
-    bowl = curve([(0.08, y), (0.2, y + 0.05), (0.24, y + 0.13)], 6)
+    bowl = curve([(0.08, y), (0.08, y + 0.02), (0.2, y + 0.05), (0.24, y + 0.13)], 7)
     inner = curve([(0.225, y + 0.13), (0.18, y + 0.06), (0.0, y + 0.025)], 6)
     return [
         *lathe(name, "wood", np.concatenate([foot, plate]), segments, at),
@@ -99,7 +101,7 @@ def _stool(name: str, at: tuple[float, float, float], segments: int) -> list[Par
 
 def _plant(name: str, at: tuple[float, float, float], segments: int) -> list[Part]:
     """A pot with a clipped bush growing out of its soil."""
-    pot = curve([(0.2, 0.0), (0.27, 0.2), (0.3, 0.45)], 6)
+    pot = [(0.2, 0.0), (0.2, 0.03), *curve([(0.22, 0.05), (0.27, 0.22), (0.3, 0.45)], 5)]
     soil = [(0.27, 0.45), (0.26, 0.4), (0.03, 0.41)]
     bush = curve(
         [
