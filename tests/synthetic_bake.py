@@ -65,7 +65,9 @@ def random_lightmap(
     triangle = rng.integers(0, count, receivers)
     weights = rng.dirichlet((1, 1, 1), receivers)
     position = np.einsum("nc,ncd->nd", weights, scene.corners[triangle])
-    normal = scene.normals[scene.triangles[triangle, 0]]
+    a, b, c = np.moveaxis(scene.corners[triangle].astype(np.float64), 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     uvs = rng.uniform(0, (width, height), (count, 3, 2)).astype(np.float32)
     uvs[0] = np.nan
     return Lightmap(
@@ -75,7 +77,7 @@ def random_lightmap(
         Receivers(
             texel,
             position.astype(np.float32),
-            normal,
+            normal.astype(np.float32),
             rng.uniform(0, 1, (receivers, 3)).astype(np.float32),
             rng.uniform(0, 0.1, (receivers, 3)).astype(np.float32),
             np.ones(receivers, np.float32),

@@ -13,7 +13,7 @@ from gibench.techniques.frame_scene import camera_table
 from gibench.techniques.technique import FloatArray
 
 # A sphere's radius over the scene's diagonal: small enough that 150 do not hide the scene.
-_RADIUS_SHARE = 0.008
+_RADIUS_SHARE = 0.012
 
 
 def probe_view(
