@@ -194,6 +194,9 @@ class Device:
         own = int(kernel.get_work_group_info(info.WORK_GROUP_SIZE, self.cl_device))
         if workgroup_size > own:
             return f"work-group size {workgroup_size} is over the {own} this kernel allows"
+        fixed = int(kernel.get_work_group_info(info.COMPILE_WORK_GROUP_SIZE, self.cl_device)[0])
+        if fixed not in (0, workgroup_size):  # reqd_work_group_size
+            return f"work-group size {workgroup_size} is not the {fixed} this kernel is made for"
         static = int(kernel.get_work_group_info(info.LOCAL_MEM_SIZE, self.cl_device))
         needed = static + local_bytes
         if needed > profile.local_memory_bytes:

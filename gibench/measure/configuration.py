@@ -205,18 +205,17 @@ def typed_value(hint: Any, text: str, option: str) -> Any:
         BadInput: it is none of them.
     """
     choices = typing.get_args(hint) if _is_union(hint) else (hint,)
+    if type(None) in choices and text.lower() == "none":
+        return None
     for choice in choices:
         if typing.get_origin(choice) is typing.Literal:
             for value in typing.get_args(choice):
                 if str(value) == text:
                     return value
-        elif choice is type(None):
-            if text.lower() == "none":
-                return None
         elif choice is bool:
             if text.lower() in _BOOLEANS:
                 return _BOOLEANS[text.lower()]
-        else:
+        elif choice is not type(None):
             try:
                 return choice(text)
             except (TypeError, ValueError):

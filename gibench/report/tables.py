@@ -100,10 +100,9 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     )
     rows = []
     for entry in record["configurations"]:
-        row = {**entry, **asdict(summarize([]))}
-        complete = all(item["status"] == "ok" for item in entry["passes"])
-        if complete and entry["configuration"] in frames.index.get_level_values(0):
-            times = frames.loc[entry["configuration"]]
+        times = frames[frames.index.get_level_values(0) == entry["configuration"]]
+        row = {**entry, **asdict(summarize([])), "frames": len(times)}
+        if len(times) and all(item["status"] == "ok" for item in entry["passes"]):
             summary = summarize(times["wall"].to_numpy(np.float64))
             row |= {
                 **asdict(summary),

@@ -26,7 +26,8 @@ def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, An
     out = console()
     for _, frame in frames.iterrows():
         mine = passes[passes["configuration"] == frame["configuration"]]
-        out.print(_passes(frame, mine))
+        out.print(f"[bold]{escape(heading(frame))}[/]", soft_wrap=True)
+        out.print(_passes(mine))
         out.print(_frame_line(frame, record["environment"]["cpu"]), soft_wrap=True)
         if frame["reason"]:
             out.print(
@@ -59,8 +60,8 @@ def heading(frame: pd.Series) -> str:
     return ", ".join(parts)
 
 
-def _passes(frame: pd.Series, passes: pd.DataFrame) -> Table:
-    table = Table(title=escape(heading(frame)), title_justify="left", title_style="bold")
+def _passes(passes: pd.DataFrame) -> Table:
+    table = Table()
     table.add_column("pass", no_wrap=True)
     for name in ("median ms", "p95 ms", "GB/s", "GFLOP/s", "Mrays/s", "of roof"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -81,7 +82,7 @@ def _passes(frame: pd.Series, passes: pd.DataFrame) -> Table:
 
 def _frame_line(frame: pd.Series, cpu: str) -> str:
     where = f"measured on {escape(cpu)} under the limits of profile {escape(frame['profile'])}"
-    memory = f"{frame['memory_bytes'] / 2**20:,.0f} of {frame['memory_budget_bytes'] / 2**20:,.0f}"
+    memory = f"{frame['memory_bytes'] / 2**20:,.1f} of {frame['memory_budget_bytes'] / 2**20:,.0f}"
     if pd.isna(frame["median_ms"]):
         return f"frame: no time; {where}"
     return (
