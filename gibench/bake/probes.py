@@ -113,7 +113,7 @@ def find_candidates(
             most = max(_MOST_CANDIDATES, wanted)
             points = points[np.sort(rng.choice(len(points), most, replace=False))]
         if len(points) >= wanted:
-            return points
+            return np.asarray(points, np.float64)
     raise BadInput(
         f"only {len(points)} places fit for a probe were found, {wanted} are wanted",
         where=scene.name,

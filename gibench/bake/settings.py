@@ -23,6 +23,10 @@ class SrpBakeSettings:
         svd_vectors: most vectors kept of a cluster (paper: 32).
         svd_threshold: relative Frobenius error of a cluster at which fewer vectors are enough
             (paper: 0.005).
+        svd_refine: relative Frobenius error above which a cluster is halved; 1 keeps the leaves
+            of the AABB tree as they are (the thesis), less refines them as the paper does. With
+            0.02 random lightings of Sponza come out within about 1 % and size is some 1.4 times
+            the paper's.
         visibility: ``cached`` decides most mutual visibility from tables of a few rays per probe
             and texel, and traces what they leave open; ``exact`` traces everything.
         workers: clusters in flight at once; None: one per core.
@@ -37,6 +41,7 @@ class SrpBakeSettings:
     cluster_size: int = 1024
     svd_vectors: int = 32
     svd_threshold: float = 0.005
+    svd_refine: float = 0.02
     visibility: Literal["cached", "exact"] = "cached"
     workers: int | None = None
     chunk_rays: int = 1 << 19
@@ -58,6 +63,8 @@ class SrpBakeSettings:
             raise BadInput(f"overlap is {self.overlap}", mend="use more than 0")
         if not 0 <= self.svd_threshold < 1:
             raise BadInput(f"svd_threshold is {self.svd_threshold}", mend="use 0 to below 1")
+        if not self.svd_refine > 0:
+            raise BadInput(f"svd_refine is {self.svd_refine}", mend="use more than 0, 1 for never")
         if self.visibility not in ("cached", "exact"):
             raise BadInput(f"visibility is '{self.visibility}'", mend="use cached or exact")
 

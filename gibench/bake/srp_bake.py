@@ -12,7 +12,7 @@ from queue import SimpleQueue
 from time import perf_counter
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gibench.bake.cpca import aabb_clusters, compress
 from gibench.bake.probes import mean_overlap, place_probes
@@ -33,15 +33,15 @@ class BakeReport:
     """What a bake did.
 
     Attributes:
-        clusters_baked: clusters computed by this run; the others were in the store.
-        clusters_loaded: clusters that were in the store.
+        units_baked: AABB leaves computed by this run.
+        units_loaded: AABB leaves that were in the store.
         seconds: wall time of each stage.
         clock: time and counts of each part of the transport, summed over workers.
         stored_bytes: size of the store on disk.
     """
 
-    clusters_baked: int = 0
-    clusters_loaded: int = 0
+    units_baked: int = 0
+    units_loaded: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
     clock: Clock = field(default_factory=Clock)
     stored_bytes: int = 0
@@ -75,7 +75,7 @@ def bake_srp(
 ) -> SrpBake:
     """All that SRP computes ahead of frames, from the store where it is there already.
 
-    Each cluster is computed, compressed and stored before its worker takes the next; what is in
+    Each AABB leaf is computed, compressed and stored before its worker takes the next; what is in
     the store is not computed again. Interrupted, a rerun goes on from there.
 
     Args:
@@ -102,10 +102,10 @@ def bake_srp(
         relight = _relight(store, scene, lightmap, settings, probes, tracer, seed)
         report.seconds["relight"] = -(start - (start := perf_counter()))
         members = aabb_clusters(lightmap.receivers.position, settings.cluster_size)
-        found = {i: _load_cluster(store, i, members[i]) for i in range(len(members))}
-        missing = [i for i, cluster in found.items() if cluster is None]
-        report.clusters_loaded = len(members) - len(missing)
-        report.clusters_baked = len(missing)
+        found = {i: _load_unit(store, i, members[i]) for i in range(len(members))}
+        missing = [i for i, unit in found.items() if unit is None]
+        report.units_loaded = len(members) - len(missing)
+        report.units_baked = len(missing)
         if missing:
             offset = surface_offset(scene)
             tables = None
@@ -113,27 +113,32 @@ def bake_srp(
                 tables = visibility_tables(scene, lightmap, probes, tracer, offset, seed)
             report.seconds["visibility tables"] = -(start - (start := perf_counter()))
             baker = TransportBaker(scene, lightmap, probes, settings, tracer, tables, seed)
-            for i, cluster in _bake_clusters(baker, store, members, missing, report.clock):
-                found[i] = cluster
+            for i, baked in _bake_units(baker, store, members, missing, report.clock):
+                found[i] = baked
             report.seconds["transport"] = -(start - (start := perf_counter()))
         report.stored_bytes = store.nbytes()
-    clusters = tuple(found[i] for i in range(len(members)))
-    usable = sum(c.usable for c in clusters if c is not None)
+    units = [unit for i in range(len(members)) if (unit := found[i]) is not None]
+    usable = sum(unit.usable for unit in units)
     return SrpBake(
         settings.sh_order,
         probes,
         relight,
-        tuple(c.cluster for c in clusters if c is not None),
+        tuple(cluster for unit in units for cluster in unit.clusters),
         usable / max(1, len(lightmap.receivers)),
         mean_overlap(probes, lightmap.receivers.position),
     )
 
 
 @dataclass(frozen=True)
-class StoredCluster:
-    """A cluster, and how many of its receivers had at least one valid sample."""
+class Unit:
+    """One unit of work: the clusters of one AABB leaf.
 
-    cluster: Cluster
+    Attributes:
+        clusters: the leaf as one cluster, or refined.
+        usable: receivers with at least one valid sample.
+    """
+
+    clusters: tuple[Cluster, ...]
     usable: int
 
 
@@ -150,7 +155,9 @@ def _probes(
     probes = place_probes(
         scene, lightmap, tracer, settings.probes, settings.overlap, surface_offset(scene), seed
     )
-    store.save("probes", {"positions": probes.positions, "radius": np.float64(probes.radius)})
+    store.save(
+        "probes", {"positions": probes.positions, "radius": np.asarray(probes.radius, np.float64)}
+    )
     return probes
 
 
@@ -176,55 +183,70 @@ def _name(index: int) -> str:
     return f"cluster-{index:05d}"
 
 
-def _load_cluster(store: BakeStore, index: int, members: Ints) -> StoredCluster | None:
+def _load_unit(store: BakeStore, index: int, members: Ints) -> Unit | None:
     stored = store.load(_name(index))
-    if stored is None or not np.array_equal(stored["receivers"], members):
+    if stored is None:
         return None
-    return _from_arrays(stored)
+    clusters = tuple(_cluster(stored, part) for part in range(int(stored["parts"])))
+    held = np.sort(np.concatenate([c.receivers for c in clusters]))
+    if not np.array_equal(held, members):
+        return None
+    return Unit(clusters, int(stored["usable"]))
 
 
-def _from_arrays(stored: Arrays) -> StoredCluster:
-    names = ("receivers", "probes", "projection", "reconstruction")
-    cluster = Cluster(*(stored[name] for name in names), float(stored["error"]))
-    return StoredCluster(cluster, int(stored["usable"]))
+_CLUSTER_ARRAYS = ("receivers", "probes", "projection", "reconstruction", "error")
 
 
-def _bake_cluster(
-    worker: TransportWorker, store: BakeStore, index: int, members: Ints
-) -> StoredCluster:
-    """The unit of work: compute, compress, store."""
+def _cluster(stored: Arrays, part: int) -> Cluster:
+    receivers, probes, projection, reconstruction, error = (
+        stored[f"{name}-{part}"] for name in _CLUSTER_ARRAYS
+    )
+    return Cluster(receivers, probes, projection, reconstruction, float(error))
+
+
+def _bake_unit(worker: TransportWorker, store: BakeStore, index: int, members: Ints) -> Unit:
+    """Compute, compress, store."""
     baker, settings = worker.baker, worker.baker.settings
     rows = worker.rows(members)
     start = perf_counter()
-    most, threshold = settings.svd_vectors, settings.svd_threshold
-    cluster = compress(members, rows.probes, rows.matrix, baker.coefficients, most, threshold)
+    clusters = compress(
+        members,
+        baker.lightmap.receivers.position[members],
+        rows.probes,
+        rows.matrix,
+        baker.coefficients,
+        settings.svd_vectors,
+        settings.svd_threshold,
+        settings.svd_refine,
+    )
     start = worker.clock.add("compress", start, len(members))
-    names = ("receivers", "probes", "projection", "reconstruction", "error")
-    arrays = {name: np.asarray(getattr(cluster, name)) for name in names}
     usable = int((rows.valid > 0).sum())
-    store.save(_name(index), arrays | {"usable": np.asarray(usable)})
+    arrays = {"parts": np.asarray(len(clusters)), "usable": np.asarray(usable)}
+    for part, cluster in enumerate(clusters):
+        arrays |= {f"{n}-{part}": np.asarray(getattr(cluster, n)) for n in _CLUSTER_ARRAYS}
+    store.save(_name(index), arrays)
     worker.clock.add("store", start, 1)
-    return StoredCluster(cluster, usable)
+    return Unit(tuple(clusters), usable)
 
 
-def _bake_clusters(
+def _bake_units(
     baker: TransportBaker,
     store: BakeStore,
     members: list[Ints],
     missing: list[int],
     clock: Clock,
-) -> Iterator[tuple[int, StoredCluster]]:
-    """Bake the ``missing`` clusters, as many at once as there are workers."""
+) -> Iterator[tuple[int, Unit]]:
+    """Bake the ``missing`` leaves, as many at once as there are workers."""
     count = max(1, min(baker.settings.workers or os.cpu_count() or 1, len(missing)))
     idle: SimpleQueue[TransportWorker] = SimpleQueue()
     workers = [baker.worker() for _ in range(count)]
     for worker in workers:
         idle.put(worker)
 
-    def bake(index: int) -> tuple[int, StoredCluster]:
+    def bake(index: int) -> tuple[int, Unit]:
         worker = idle.get()
         try:
-            return index, _bake_cluster(worker, store, index, members[index])
+            return index, _bake_unit(worker, store, index, members[index])
         finally:
             idle.put(worker)
 
@@ -236,7 +258,7 @@ def _bake_clusters(
         ThreadPoolExecutor(count) as pool,
     ):
         waiting = iter(missing)
-        running: set[Future[tuple[int, StoredCluster]]] = set()
+        running: set[Future[tuple[int, Unit]]] = set()
         while True:
             while len(running) < count and (index := next(waiting, None)) is not None:
                 running.add(pool.submit(bake, index))
@@ -244,9 +266,9 @@ def _bake_clusters(
                 break
             done, running = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
-                index, cluster = future.result()
+                index, unit = future.result()
                 advance(len(members[index]))
-                yield index, cluster
+                yield index, unit
     for worker in workers:
         for part, seconds in worker.clock.seconds.items():
             clock.seconds[part] = clock.seconds.get(part, 0.0) + seconds

@@ -7,8 +7,7 @@ Layout beneath the folder that :class:`BakeStore` is given::
       lock                 held by the run that is baking
       probes.bin           probe positions, radius, overlap
       relight.bin          relight samples
-      clusters.bin         which receivers make each cluster (receivers concatenated, and starts)
-      cluster-00000.bin    one compressed cluster
+      cluster-00000.bin    the compressed cluster, or refined clusters, of one AABB leaf
 
 A ``.bin`` file is ``GIBENCH1``, the SHA-256 of what follows, then an uncompressed NumPy ``.npz``.
 Files appear whole or not at all: they are written under a temporary name, flushed to the disk and

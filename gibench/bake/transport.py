@@ -128,7 +128,8 @@ class TransportBaker:
         rng = np.random.default_rng([seed, 1])
         points = primary_points(settings.transport_rays, self.stride, seed)
         receivers, fragments = lightmap.receivers, lightmap.fragments
-        arrays = {
+        planes = triangle_planes(scene.corners)
+        arrays: dict[str, npt.NDArray[Any]] = {
             "points": _with_angles(points),
             "rotations": _with_angles(rng.random((len(receivers), 4), dtype=np.float32)),
             "normals": receivers.normal,
@@ -136,14 +137,14 @@ class TransportBaker:
             "fragment_share": fragment_shares(fragments),
             "fragment_corners": fragments.corners,
             "fragment_triangle": fragments.triangle.astype(np.int32),
-            "planes": triangle_planes(scene.corners),
+            "planes": planes,
             "triangle_uvs": lightmap.triangle_uvs,
             "receiver_of_texel": lightmap.receiver_of_texel,
             "probes": np.pad(probes.positions.astype(np.float32), ((0, 0), (0, 1))),
             "states": tables.states if tables else no_tables(len(probes)),
         }
         # What lifts a point off each triangle; the last row (index -1) stands for no triangle.
-        self.lift = np.pad(arrays["planes"][:, :3] * np.float32(self.offset), ((0, 1), (0, 0)))
+        self.lift = np.pad(planes[:, :3] * np.float32(self.offset), ((0, 1), (0, 0)))
         self.shared = {name: self._upload(array) for name, array in arrays.items()}
 
     def _upload(self, array: npt.NDArray[Any]) -> Any:
