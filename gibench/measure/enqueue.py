@@ -27,7 +27,7 @@ class PreparedPass:
         launches: what is enqueued, in order; empty unless ``status`` is ``ok``.
         problem: why it cannot run, one line; None when it can.
         status: ``ok``; ``skipped`` where the profile or the device forbids it; ``failed`` where
-            its program cannot be built or its arguments are refused.
+            its program cannot be built or the driver refuses an argument.
     """
 
     name: str
