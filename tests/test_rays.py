@@ -221,3 +221,47 @@ def test_every_byte_is_counted():
 def test_a_workgroup_the_profile_forbids_is_refused():
     with pytest.raises(CannotRun, match="work-group size 33"):
         device_tracer(box(), workgroup_size=33)
+
+
+@pytest.mark.parametrize("name", ["soup", "box", "slivers"])
+def test_packets_hit_what_single_rays_hit(name):
+    """Hard rays (most packets fall apart) and fans of coherent ones, at a count 16 divides not."""
+    rng = np.random.default_rng()
+    corners = scene(name, rng)
+    single, packets = device_tracer(corners), device_tracer(corners, packets=True)
+    kinds = {
+        kind: rays for kind, rays in hard_rays(corners, 2501, rng).items() if "from" not in kind
+    }
+    kinds["fans"] = fans(corners, 500, rng)
+    for kind, (o, d) in kinds.items():
+        a, b = single.closest(o, d), packets.closest(o, d)
+        why = differences(corners, o, d, a, b)
+        assert not np.any(why == UNEXPLAINED), (kind, np.flatnonzero(why == UNEXPLAINED)[:5])
+        if kind in (*PLAIN, "fans"):
+            assert np.count_nonzero(why != AGREE) <= 2, kind
+        assert np.array_equal(b.triangle >= 0, packets.occluded(o, d)), kind
+        limit = rng.uniform(0.0, 1.0, len(o)).astype(np.float32)
+        near = packets.closest(o, d, limit)
+        assert np.array_equal(near.triangle >= 0, b.distance < limit), kind
+        assert np.array_equal(packets.occluded(o, d, limit), b.distance < limit), kind
+
+
+def fans(corners, count, rng):
+    """Packets of 16 rays from one point within one narrow cone: what packets are for."""
+    low, high = corners.min((0, 1)), corners.max((0, 1))
+    eye = rng.uniform(low, high, (count, 1, 3)) + np.zeros((1, 16, 1))
+    towards = rng.normal(size=(count, 1, 3)) + 0.01 * rng.normal(size=(count, 16, 3))
+    return eye.reshape(-1, 3).astype(np.float32), towards.reshape(-1, 3).astype(np.float32)
+
+
+def test_packets_leave_no_gap_in_a_closed_mesh():
+    rng = np.random.default_rng()
+    corners = sphere(40, 81)
+    tracer = device_tracer(corners, packets=True)
+    corner = corners.reshape(-1, 3)[rng.integers(0, 3 * len(corners), 2000)]
+    target = np.repeat(corner, 16, axis=0).astype(np.float64)
+    target[rng.random(len(target)) < 0.5] += 1e-3 * rng.normal(size=3)
+    d = target.astype(np.float32)
+    o = np.zeros_like(d)
+    assert np.all(tracer.closest(o, d).triangle >= 0)
+    assert tracer.occluded(o, d).all()

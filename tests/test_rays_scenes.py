@@ -41,6 +41,7 @@ def compare(corners, rays_of_a_kind, rng):
     """Trace every kind by both; differences counted by kind and reason, printed (pytest -s)."""
     device = Device(load_profile("radeon560"))
     tracer = DeviceTracer(device, DeviceBvh.upload(device, build_bvh(corners)))
+    packets = DeviceTracer(device, tracer.device_bvh, name="packets", packets=True)
     embree = EmbreeTracer(corners)
     kinds = hard_rays(corners, rays_of_a_kind, rng)
     # Most rays that start on a surface are excused for hitting it; a millimetre on, none is.
@@ -55,6 +56,8 @@ def compare(corners, rays_of_a_kind, rng):
         listed = ", ".join(f"{n} {REASONS[i]}" for i, n in enumerate(counts[kind]) if n)
         print(f"{kind}: {listed}")
         assert np.array_equal(b.triangle >= 0, tracer.occluded(o, d)), kind
+        together = differences(corners, o, d, b, packets.closest(o, d))
+        assert not np.any(together == UNEXPLAINED), kind
         assert np.array_equal(a.triangle >= 0, embree.occluded(o, d)), kind
     return counts
 

@@ -122,6 +122,9 @@ def _extract(
         depth += 1
         visits += float(area[roots].sum(dtype=np.float64)) / whole
         owner, node = _children_of(tree, roots, is_leaf, split)
+        # Largest last: any-hit traversal takes the last child first, the likeliest to block.
+        by_area = np.lexsort((area[node], owner))
+        owner, node = owner[by_area], node[by_area]
         slot = np.arange(len(owner)) - np.searchsorted(owner, owner)
         kind = np.zeros((len(roots), WIDTH), np.int8)
         source = np.full((len(roots), WIDTH), -1, np.int32)
@@ -155,7 +158,7 @@ def _children_of(
     is_leaf: npt.NDArray[np.bool_],
     split: npt.NDArray[np.int8],
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Binary nodes that become children of the wide nodes at ``roots``; (owner, node) by owner."""
+    """Binary nodes that become children of the wide nodes at ``roots``: (owner, node)."""
     owner = np.arange(len(roots), dtype=np.int64)
     node = roots.copy()
     # A root that is a leaf by itself (a tiny scene) is its own only child.
@@ -174,6 +177,4 @@ def _children_of(
         owner = np.concatenate([owner[fewer], owner[~fewer], owner[~fewer]])
         node = np.concatenate([node[fewer], left, left + 1])
         slots = np.concatenate([slots[fewer] - 1, shared, slots[~fewer] - shared])
-    owner, node = np.concatenate(done_owner), np.concatenate(done_node)
-    by_owner = np.argsort(owner, kind="stable")
-    return owner[by_owner], node[by_owner]
+    return np.concatenate(done_owner), np.concatenate(done_node)

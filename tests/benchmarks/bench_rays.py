@@ -39,7 +39,8 @@ def corners():
 def tracers(corners):
     device = Device(load_profile("radeon560"))
     tree = DeviceBvh.upload(device, build_bvh(corners))
-    return EmbreeTracer(corners, threads=2), DeviceTracer(device, tree)
+    packets = DeviceTracer(device, tree, name="packets", packets=True)
+    return EmbreeTracer(corners, threads=2), DeviceTracer(device, tree), packets
 
 
 def normals_of(corners):
@@ -106,23 +107,26 @@ def rays_of(kind, corners, embree):
 @pytest.mark.slow
 def test_the_device_reaches_half_of_embrees_rate(corners, tracers):
     """Acceptance of issue 2, section 4: incoherent rays, both on two threads, in one run."""
-    embree, device = tracers
+    embree, device, packets = tracers
     ratios = {}
     for kind in ("incoherent", "primary", "shadow"):
         o, d = rays_of(kind, corners, embree)
         for query in ("closest", "occluded"):
-            times = np.empty((ROUNDS, 2))
+            times = np.empty((ROUNDS, 3))
             for r in range(ROUNDS):
                 start = time.perf_counter()
                 getattr(embree, query)(o, d)
                 times[r, 0] = time.perf_counter() - start
                 getattr(device, query)(o, d)
                 times[r, 1] = device.kernel_seconds
-            host, dev = np.median(times, axis=0)
+                getattr(packets, query)(o, d)
+                times[r, 2] = packets.kernel_seconds
+            host, dev, together = np.median(times, axis=0)
             ratios[kind, query] = host / dev
             print(
                 f"{kind} {query}: Embree {len(o) / host / 1e6:.2f} Mrays/s, "
-                f"device {len(o) / dev / 1e6:.2f}, ratio {host / dev:.2f}"
+                f"device {len(o) / dev / 1e6:.2f}, ratio {host / dev:.2f}; "
+                f"packets {len(o) / together / 1e6:.2f}, ratio {host / together:.2f}"
             )
     assert ratios["incoherent", "closest"] >= 0.5
     assert ratios["incoherent", "occluded"] >= 0.5
@@ -130,11 +134,11 @@ def test_the_device_reaches_half_of_embrees_rate(corners, tracers):
 
 @pytest.mark.parametrize("query", ["closest", "occluded"])
 @pytest.mark.parametrize("kind", ["incoherent", "primary", "shadow"])
-@pytest.mark.parametrize("which", ["embree", "device"])
+@pytest.mark.parametrize("which", ["embree", "device", "packets"])
 def test_rate(benchmark, corners, tracers, which, kind, query):
-    embree, device = tracers
+    embree = tracers[0]
     o, d = rays_of(kind, corners, embree)
-    tracer = embree if which == "embree" else device
+    tracer = dict(zip(("embree", "device", "packets"), tracers, strict=True))[which]
     benchmark.group = f"{kind} {query}"
     benchmark.extra_info["rays"] = len(o)
     benchmark.pedantic(getattr(tracer, query), args=(o, d), rounds=3, warmup_rounds=1)
