@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gibench.scene.model import Floats, Scene
-from gibench.scene.raster import Doubles, Longs, doubled_areas
+from gibench.scene.raster import Doubles, Longs
 
 # A piece that covers more pixels than this at full resolution is averaged over halved images.
 MOST_PIXELS = 64.0
@@ -36,7 +36,10 @@ def mean_albedo(scene: Scene, triangle: Longs, barycentric: Doubles) -> Doubles:
 def mean_texture(pixels: Floats, uvs: Doubles) -> Doubles:
     """Mean (m, 3) of a repeated, bilinear image over triangles ``uvs`` (m, 3, 2) of it."""
     result = np.zeros((len(uvs), 3))
-    covered = np.abs(doubled_areas(uvs)) / 2 * pixels.shape[0] * pixels.shape[1]
+    # Half the square of the longest side: the area of a compact piece, but a sliver that crosses
+    # many pixels counts for all it crosses.
+    sides = (np.roll(uvs, 1, axis=1) - uvs) * [pixels.shape[1], pixels.shape[0]]
+    covered = (sides**2).sum(axis=2).max(axis=1) / 2
     todo = np.arange(len(uvs))
     image = pixels.astype(np.float64)
     while len(todo):

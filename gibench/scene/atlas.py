@@ -122,7 +122,7 @@ def _receivers(scene: Scene, pieces: list[Pieces], fragments: Fragments, texel: 
     start = fragments.start[:-1]
     owner = np.repeat(np.arange(len(texel)), np.diff(fragments.start))
     # Texels of hair-thin triangles can have no area in float64; their fragments then count alike.
-    weight = triangle_areas(corners)
+    weight = fragments.area.astype(np.float64)
     area = np.add.reduceat(weight, start)
     weight = np.where((area > 0)[owner], weight, 1.0)
     total = np.add.reduceat(weight, start)[:, None]

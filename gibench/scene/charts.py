@@ -201,11 +201,15 @@ class Layout:
 
 def at_resolution(charts: Charts, texels_per_unit: float) -> Layout:
     """The charts scaled by ``texels_per_unit``, each centred in the least box of whole texels."""
+    if charts.placed:
+        # A whole number of texels stays one, so that authored edges on texel borders stay there.
+        whole = max(round(texels_per_unit), 1)
+        near = abs(texels_per_unit - whole) < 1e-6 * whole
+        scale = float(whole) if near else texels_per_unit
+        side = np.array([int(np.ceil(scale))])
+        return Layout(np.asarray(charts.uvs * scale), side, side)
     own = np.flatnonzero(charts.chart >= 0)
     uvs = np.asarray(charts.uvs * texels_per_unit)
-    if charts.placed:
-        side = np.array([int(np.ceil(texels_per_unit))])
-        return Layout(uvs, side, side)
     label = charts.chart[own]
     low = np.full((charts.count, 2), np.inf)
     high = np.full((charts.count, 2), -np.inf)

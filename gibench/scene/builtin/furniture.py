@@ -45,7 +45,7 @@ def _cushion(bottom: float, top: float, bulge: float, inset: float, rows: int = 
     """Profile of a cushion: out from its foot, up, and in to a flat top ``inset`` inwards."""
     middle = (bottom + top) / 2
     body = curve(
-        [(0.0, bottom + 0.03), (-bulge, bottom + 0.3 * (middle - bottom)), (-bulge, middle),
+        [(0.0, bottom + 0.03), (-bulge, bottom + 0.05 + 0.1 * (middle - bottom)), (-bulge, middle),
          (-bulge * 0.6, top - 0.08), (0.02, top - 0.015), (inset, top)], rows - 1
     )  # fmt: skip
     # It rises straight from what it stands on, so that no wedge closes over the floor.

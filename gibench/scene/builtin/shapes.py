@@ -20,9 +20,10 @@ def loft(name: str, material: str, rings: Doubles) -> Part:
 
     Its front is outside when the rings go upwards. A ring may shrink to a point.
     """
-    across = (
-        np.gradient(rings, axis=0) if len(rings) > 2 else np.tile(np.diff(rings, axis=0), (2, 1, 1))
-    )
+    # Tangents halve the bend between rings, however far those are apart.
+    step = np.diff(rings, axis=0)
+    step = step / np.maximum(np.linalg.norm(step, axis=2, keepdims=True), 1e-12)
+    across = np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
     along = np.roll(rings, -1, axis=1) - np.roll(rings, 1, axis=1)
     normals = np.cross(along, across)
     size = np.linalg.norm(along, axis=2).max(axis=1)
