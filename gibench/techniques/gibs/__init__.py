@@ -1,1 +1,37 @@
 """GIBS: global illumination based on surfels (Brinck et al. 2021; paper 004, chapters 3 and 4)."""
+
+from __future__ import annotations
+
+from gibench.scene.model import Scene
+from gibench.techniques.frame_scene import frame_scene_bytes
+from gibench.techniques.gibs.passes import CameraView
+from gibench.techniques.gibs.settings import GibsSettings
+from gibench.techniques.gibs.surfels import Surfels
+from gibench.techniques.gibs.technique import Gibs
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+
+__all__ = ["SPEC", "Gibs", "GibsSettings"]
+
+
+def _no_bake(context: BakeContext) -> None:
+    return None
+
+
+def _memory_floor(
+    scene: Scene, receivers: int, settings: GibsSettings, width: int, height: int
+) -> int:
+    own = Surfels.bytes_of(settings, 1, 4096) + CameraView.bytes_of(
+        len(scene.triangles), width, height
+    )
+    return frame_scene_bytes(scene, width, height) + own
+
+
+SPEC = TechniqueSpec(
+    name="gibs",
+    title="Surfels (GIBS)",
+    variants=(PUBLISHED, TUNED),
+    settings_type=GibsSettings,
+    bake=_no_bake,
+    create=Gibs,
+    memory_floor=_memory_floor,
+)

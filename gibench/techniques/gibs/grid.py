@@ -1,0 +1,314 @@
+"""The acceleration grid: its shape, and the passes that sort surfels into it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.device import Buffer, Device
+from gibench.scene.model import Floats
+from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_levels, wave_of
+from gibench.techniques.technique import Launch
+
+PACKED_ROWS = 10  # kernels_cl/gibs/frame.cl
+PACKED_PADDING = 16  # kernels_cl/gibs/frame.cl, PACKED_STRIDE
+NEIGHBOURS = 27  # cells a surfel goes into as published (paper 004, section 4.2.1)
+PERSPECTIVE_NEAR = 0.1  # half the inner cube's side, share of the scene's diagonal; our choice
+
+
+@dataclass(frozen=True)
+class UniformGrid:
+    """Cubic cells over a box (paper 004, section 4.2).
+
+    Attributes:
+        lower: lower corner, m.
+        cell: a cell's side, m.
+        shape: number of cells in x, y and z.
+    """
+
+    lower: tuple[float, float, float]
+    cell: float
+    shape: tuple[int, int, int]
+
+    @staticmethod
+    def around(
+        bounds: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]], cells: int
+    ) -> UniformGrid:
+        """``cells`` cells along the longest side of ``bounds``, and one more all around, so that
+        nothing in the scene lies in a cell at the border.
+        """
+        low, high = bounds
+        side = float(np.max(high - low)) / cells
+        shape = np.maximum(np.ceil((high - low) / side - 1e-6).astype(int), 1) + 2
+        x, y, z = (low + high) / 2 - shape * side / 2
+        return UniformGrid((float(x), float(y), float(z)), side, tuple(int(n) for n in shape))
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return math.prod(self.shape)
+
+    @property
+    def largest_radius(self) -> float:
+        """The largest radius of a surfel that reaches no further than the neighbours, m."""
+        return self.cell
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """Macros of kernels_cl/gibs/grid.cl."""
+        x, y, z = self.shape
+        return {"GRID_PERSPECTIVE": 0, "GRID_X": x, "GRID_Y": y, "GRID_Z": z}
+
+    def table(self, camera: Sequence[float]) -> Floats:
+        """What kernels_cl/gibs/grid.cl reads, (8,) float32; the same for every camera."""
+        return np.array([*self.lower, self.cell, 1 / self.cell, 0, 0, 0], np.float32)
+
+
+@dataclass(frozen=True)
+class PerspectiveGrid:
+    """A cube of cubic cells around the camera and six pyramids whose cells grow with the distance
+    (Brinck et al. 2021; paper 004, section 3.1.2).
+
+    Attributes:
+        half_side: half the cube's side, m.
+        divisions: cells along the cube's side and across a pyramid.
+        slices: cells along a pyramid's depth.
+    """
+
+    half_side: float
+    divisions: int
+    slices: int
+
+    @staticmethod
+    def around(
+        bounds: tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]], divisions: int
+    ) -> PerspectiveGrid:
+        """A grid that reaches a scene's diagonal away from a camera anywhere."""
+        diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
+        slices = math.ceil(math.log(1 / PERSPECTIVE_NEAR) / math.log1p(2 / divisions))
+        return PerspectiveGrid(PERSPECTIVE_NEAR * diagonal, divisions, slices)
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        return self.divisions**2 * (self.divisions + 6 * self.slices)
+
+    @property
+    def largest_radius(self) -> float:
+        """The largest radius of a surfel, m: unbounded."""
+        return math.inf
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """Macros of kernels_cl/gibs/grid.cl."""
+        return {"GRID_PERSPECTIVE": 1, "GRID_N": self.divisions, "GRID_SLICES": self.slices}
+
+    def table(self, camera: Sequence[float]) -> Floats:
+        """What kernels_cl/gibs/grid.cl reads for a camera at ``camera`` (3,) m, (8,) float32."""
+        cells_per_metre = self.divisions / (2 * self.half_side)
+        slices = 1 / math.log1p(2 / self.divisions)
+        return np.array([*camera, self.half_side, cells_per_metre, slices, 0, 0], np.float32)
+
+
+Grid = UniformGrid | PerspectiveGrid
+
+
+@dataclass(frozen=True)
+class SurfelGeometry:
+    """The buffers of the surfels that sorting reads and writes; see kernels_cl/gibs/sort.cl.
+
+    Attributes:
+        frame: (10,) uint32 what changes with the frame (kernels_cl/gibs/frame.cl).
+        alive_ids: (capacity,) uint32.
+        object_ids: (capacity,) int32, from 1; 0 is a surfel that is not placed.
+        transforms: (objects, 12) float32, object to world, 3 x 4 row-major.
+        local_position: (3, capacity) float32 in object space, m.
+        local_normal: (3, capacity) float32 in object space, unit.
+        world_position: (3, capacity) float32, m.
+        world_normal: (3, capacity) float32, unit.
+        radii: (capacity,) float32, m.
+        mean: (3 or more, capacity) float32; rows 0-2 are the irradiance, W/m2.
+    """
+
+    frame: Buffer
+    alive_ids: Buffer
+    object_ids: Buffer
+    transforms: Buffer
+    local_position: Buffer
+    local_normal: Buffer
+    world_position: Buffer
+    world_normal: Buffer
+    radii: Buffer
+    mean: Buffer
+
+    @property
+    def capacity(self) -> int:
+        """Number of surfels there is room for."""
+        return self.alive_ids.shape[0]
+
+
+class SurfelGrid:
+    """Lists of the surfels in every cell, rebuilt every frame: count, prefix sum, finalise.
+
+    Args:
+        device: where it lies.
+        grid: its shape.
+        surfels: what is sorted.
+        published: as in paper 004: every surfel in its cell and all neighbours, wave-wise scan,
+            lists in any order. Otherwise only in the cells it reaches, blocked scan, lists in
+            ascending order with what a lookup reads beside them.
+        entries: room in all lists together.
+        normal_stretch: how much further than sideways a step along the normal counts.
+        workgroup_size: work-items per group.
+
+    Raises:
+        CannotRun: it does not fit the device's profile.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        grid: Grid,
+        surfels: SurfelGeometry,
+        published: bool,
+        entries: int,
+        normal_stretch: float,
+        workgroup_size: int,
+    ) -> None:
+        self.device, self.grid, self.surfels = device, grid, surfels
+        self.published, self.entries = published, entries
+        cells = grid.cells
+        self.table = device.upload("grid_table", grid.table((0.0, 0.0, 0.0)))
+        self.counts = device.empty("grid_counts", cells, np.uint32)
+        self.starts = device.empty("grid_starts", cells + 1, np.uint32)
+        self.ids = device.empty("grid_ids", max(entries, 1), np.uint32)
+        self.packed: Buffer | None = None
+        self._scan: WaveScan | BlockScan
+        if published:
+            self._scan = WaveScan.create(device, "grid_scan", cells, workgroup_size)
+        else:
+            self._length = device.upload("grid_cells", np.array([cells], np.uint32))
+            self._scan = BlockScan.create(device, "grid_scan", cells, workgroup_size)
+            self.packed = device.empty(
+                "grid_packed", (PACKED_ROWS, entries + PACKED_PADDING), np.float32
+            )
+        self.defines: Mapping[str, Any] = {
+            **grid.defines,
+            "CAPACITY": surfels.capacity,
+            "ENTRIES": entries,
+            "PUBLISHED": published,
+            "ALL_NEIGHBOURS": published,
+            "NORMAL_STRETCH": float(normal_stretch),
+        }
+
+    @staticmethod
+    def bytes_of(
+        device: Device, grid: Grid, published: bool, entries: int, workgroup_size: int
+    ) -> int:
+        """Bytes it takes, in closed form."""
+        lists = 4 * (8 + grid.cells + grid.cells + 1 + max(entries, 1))
+        if published:
+            wave = wave_of(device, workgroup_size)
+            return lists + WaveScan.bytes_of(grid.cells, wave)
+        blocks = BlockScan.blocks(grid.cells, workgroup_size)
+        return lists + 4 * (1 + max(blocks, 1)) + 4 * PACKED_ROWS * (entries + PACKED_PADDING)
+
+    @property
+    def list_bounds(self) -> tuple[Buffer, Buffer]:
+        """Starts and ends of the lists as kernels_cl/gibs/gather.cl takes them: the ends are the
+        counts' buffer as published; else they are the next starts and the counts are not read.
+        """
+        return self.starts, self.counts
+
+    def transform_and_count(self, alive: Callable[[], int]) -> list[Launch]:
+        """Surfels to world space, and counted into their cells."""
+        s = self.surfels
+        program = self.device.program("gibs/sort.cl", self.defines)
+        args = (
+            s.frame,
+            self.table,
+            s.alive_ids,
+            s.object_ids,
+            s.transforms,
+            s.local_position,
+            s.local_normal,
+            s.world_position,
+            s.world_normal,
+            s.radii,
+            self.counts,
+        )
+        count = Launch(program, "transform_and_count", args, items=alive)
+        if not self.published:
+            return [count]
+        clear = Launch(program, "clear_counts", (self.counts,), items=self.grid.cells)
+        return [clear, count]
+
+    def prefix_sum(self) -> list[Launch]:
+        """Counts to the lists' starts."""
+        if isinstance(self._scan, BlockScan):
+            cells = self.grid.cells
+            return self._scan.launches(self.counts, self._length, self.starts, cells)
+        program = self.device.program("gibs/sort.cl", self.defines)
+        begin = Launch(
+            program, "begin_lists", (self.starts, self.counts), items=self.grid.cells
+        )
+        return [*self._scan.launches(self.counts, self.starts), begin]
+
+    def finalise(self, alive: Callable[[], int]) -> list[Launch]:
+        """IDs into the lists."""
+        s = self.surfels
+        program = self.device.program("gibs/sort.cl", self.defines)
+        args = (
+            s.frame,
+            self.table,
+            s.alive_ids,
+            s.world_position,
+            s.world_normal,
+            s.radii,
+            self.starts,
+            self.counts,
+            self.ids,
+        )
+        write = Launch(program, "finalise", args, items=alive)
+        if self.packed is None:
+            return [write]
+        geometry = (s.world_position, s.world_normal, s.radii, s.mean)
+        cells = self.grid.cells
+        return [
+            write,
+            Launch(program, "sort_lists", (self.starts, self.ids), items=cells),
+            Launch(
+                program,
+                "pack_lists",
+                (self.starts, self.ids, *geometry, self.packed),
+                items=cells,
+            ),
+        ]
+
+    def refresh_irradiance(self) -> list[Launch]:
+        """The surfels' present irradiance beside the lists; nothing to do as published."""
+        if self.packed is None:
+            return []
+        program = self.device.program("gibs/sort.cl", self.defines)
+        args = (self.starts, self.ids, self.surfels.mean, self.packed)
+        return [Launch(program, "pack_irradiance", args, items=self.grid.cells)]
+
+    def read_lists(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
+        """Bounds (cells + 1,) of every cell's list and the IDs, read back."""
+        starts = self.device.read(self.starts)
+        if self.published:
+            ends = self.device.read(self.counts)
+            starts[-1] = ends[-1]
+            if not np.array_equal(starts[1:], ends):
+                raise AssertionError("the lists' ends are not their successors' starts")
+        return starts, self.device.read(self.ids)[: starts[-1]]
+
+
+def wave_steps(device: Device, cells: int, workgroup_size: int) -> int:
+    """Levels of the published scan's recursion."""
+    return len(wave_levels(cells, wave_of(device, workgroup_size)))

@@ -1,0 +1,106 @@
+"""What can be set of GIBS, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from gibench.errors import BadInput
+
+UNIFORM: Final = "uniform"
+PERSPECTIVE: Final = "perspective"
+REST: Final = "rest"
+FLIGHT: Final = "flight"
+
+
+def _setting(default: Any, help: str, unit: str = "") -> Any:
+    return field(default=default, metadata={"help": help, "unit": unit})
+
+
+@dataclass(frozen=True)
+class GibsSettings:
+    """Every tunable of GIBS; defaults are the thesis's (paper 004) where it gives one.
+
+    Raises:
+        BadInput: a value makes no sense.
+    """
+
+    surfels: int = _setting(
+        50_000, "room for surfels; about 50 000 cover Sponza (paper 004, 5.1)", "surfels"
+    )
+    ray_budget: int = _setting(200_000, "most rays in a frame; more converge sooner", "rays")
+    rays_per_surfel: float = _setting(
+        1.0, "rays a surfel gets on average, within the budget", "rays"
+    )
+    radius_share: float = _setting(
+        0.03, "a surfel's radius on screen; smaller is finer and dearer", "image heights"
+    )
+    smallest_radius: float = _setting(
+        0.0005, "least radius of a surfel near the camera", "scene diagonals"
+    )
+    grid: str = _setting(UNIFORM, "uniform (thesis) or perspective (Brinck et al.)")
+    grid_cells: int = _setting(
+        32, "cells along the longest side, or across the view; more make shorter lists", "cells"
+    )
+    entries_per_surfel: int = _setting(
+        16, "room in the grid's lists per surfel (tuned; published takes 27)", "cells"
+    )
+    normal_stretch: float = _setting(
+        4.0, "how much further a step off the surfel's plane counts; more leaks less"
+    )
+    depth_moments: bool = _setting(True, "depth test against leaks; costs memory and time")
+    ray_guiding: bool = _setting(False, "more rays where light came from; costs memory")
+    placement_threshold: float = _setting(1.0, "place where coverage is less")
+    placement_chance: float = _setting(0.08, "chance that a tile places; more overlap, sooner full")
+    recycle_chance: float = _setting(0.05, "chance per frame that recycling looks at a surfel")
+    recycle_unseen_frames: int = _setting(
+        300, "frames out of sight after which age speaks fully for recycling", "frames"
+    )
+    recycle_distance: float = _setting(
+        1.0, "distance at which it speaks fully for recycling", "scene diagonals"
+    )
+    recycle_pressure_from: float = _setting(0.7, "share of IDs taken from which recycling begins")
+    recycle_coverage: float = _setting(6.0, "coverage beyond which a surfel is one too many")
+    camera_path: str = _setting(
+        REST, "rest, flight (built in for every scene), or a TOML file of positions and targets"
+    )
+    rest_frames: int = _setting(60, "frames at rest before the flight", "frames")
+    flight_frames: int = _setting(240, "frames of the flight; after it the camera rests", "frames")
+
+    def __post_init__(self) -> None:
+        for name in ("surfels", "ray_budget", "grid_cells", "entries_per_surfel", "flight_frames"):
+            self._require(name, getattr(self, name) >= 1, "at least 1")
+        for name in (
+            "rays_per_surfel",
+            "radius_share",
+            "smallest_radius",
+            "placement_threshold",
+            "recycle_unseen_frames",
+            "recycle_distance",
+            "recycle_coverage",
+        ):
+            self._require(name, getattr(self, name) > 0, "greater than 0")
+        self._require("rest_frames", self.rest_frames >= 0, "at least 0")
+        self._require("normal_stretch", self.normal_stretch >= 1, "at least 1")
+        self._require("grid_cells", self.grid_cells <= 512, "at most 512")
+        self._require("grid_cells", self.grid_cells >= 2, "at least 2")
+        self._require("surfels", self.surfels <= 2**22, "at most 4194304")
+        for name in ("placement_chance", "recycle_chance"):
+            self._require(name, 0 <= getattr(self, name) <= 1, "from 0 to 1")
+        self._require(
+            "recycle_pressure_from", 0 <= self.recycle_pressure_from < 1, "from 0 to below 1"
+        )
+        self._require(
+            "grid", self.grid in (UNIFORM, PERSPECTIVE), f"'{UNIFORM}' or '{PERSPECTIVE}'"
+        )
+        if self.grid == PERSPECTIVE:
+            # A surfel then reaches no further than the neighbouring cells (kernels_cl/gibs/grid.cl).
+            self._require("grid_cells", self.grid_cells <= 64, "at most 64 in a perspective grid")
+
+    def _require(self, name: str, holds: bool, what: str) -> None:
+        value = getattr(self, name)
+        if not holds or (isinstance(value, float) and not math.isfinite(value)):
+            raise BadInput(f"{name} = {value} must be {what}", where=f"setting gibs.{name}")
+
+

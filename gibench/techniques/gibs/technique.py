@@ -1,0 +1,291 @@
+"""GIBS as a technique: the whole frame on one screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.device import Buffer
+from gibench.errors import BadInput, CannotRun
+from gibench.scene.model import Camera, Scene
+from gibench.techniques.frame_scene import FrameScene, camera_table, frame_scene_bytes
+from gibench.techniques.gibs.camera_path import camera_in, camera_path
+from gibench.techniques.gibs.grid import (
+    NEIGHBOURS,
+    Grid,
+    PerspectiveGrid,
+    SurfelGrid,
+    UniformGrid,
+)
+from gibench.techniques.gibs.passes import CameraView, FramePasses
+from gibench.techniques.gibs.settings import PERSPECTIVE, GibsSettings
+from gibench.techniques.gibs.surfels import (
+    COUNT_ALIVE,
+    COUNT_FREE,
+    COUNT_PLACED,
+    COUNT_RECYCLED,
+    FRAME_WORDS,
+    Surfels,
+    rays_in_frame,
+)
+from gibench.techniques.gibs.work import FrameSizes, frame_work
+from gibench.techniques.launching import prepare_launch
+from gibench.techniques.registry import PUBLISHED, CreateContext
+from gibench.techniques.technique import FloatArray, Launch, Pass
+
+
+class Gibs:
+    """Surfels placed where the camera looks, each gathering light over time.
+
+    Two variants with the same result but for rounding. ``published``: every surfel in its cell and
+    all neighbours, wave-wise scan, every pixel works through all surfels of its cell. ``tuned``:
+    surfels only in cells they reach, blocked scan, lists in ID order with the surfels' data beside
+    them, worked through a vector at a time. ``tuned`` gives the same result bit for bit with the
+    same seed; ``published`` sums in the order in which atomics happened to run.
+
+    The host reads five counters back before each frame, when the queue is empty anyway, so that no
+    more is dispatched than surfels are alive.
+
+    Args:
+        context: what it is created from.
+
+    Raises:
+        BadInput: the camera path is not one.
+        CannotRun: scene or surfels do not fit the device's profile.
+    """
+
+    name: ClassVar[str] = "gibs"
+
+    def __init__(self, context: CreateContext) -> None:
+        settings: GibsSettings = context.settings
+        self._context, self.settings, self.device = context, settings, context.device
+        scene, size = context.scene, context.workgroup_size
+        self._path = camera_path(settings.camera_path, scene, context.camera)
+        self._camera = context.camera
+        published = context.variant == PUBLISHED
+        self._refuse_too_many(published)
+        grid = grid_of(scene, settings)
+        objects = len(np.unique(scene.object_ids))
+        self.scene = FrameScene(
+            context.device, scene, context.width, context.height, context.camera
+        )
+        self.surfels = Surfels.create(context.device, settings, objects, size)
+        entries = entries_of(settings, published)
+        self.grid = SurfelGrid(
+            context.device,
+            grid,
+            self.surfels.geometry,
+            published,
+            entries,
+            settings.normal_stretch,
+            size,
+        )
+        self.view = CameraView.create(context.device, scene, context.width, context.height)
+        diagonal = float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
+        self._most = grid.largest_radius
+        self._least = min(settings.smallest_radius * diagonal, self._most)
+        self._alive, self._rays, self._number = 0, 0, 0
+        self._passes = FramePasses(
+            self.scene,
+            settings,
+            self.grid,
+            self.surfels,
+            self.view,
+            lambda: self._alive,
+            lambda: self._rays,
+            size,
+            settings.recycle_distance * diagonal,
+        )
+        self._receivers: tuple[Buffer, Buffer, Buffer] | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of device memory it takes, in closed form; receivers are uploaded when asked for."""
+        bvh = frame_scene_bytes(
+            self.scene.scene, self.scene.width, self.scene.height, self.scene.bvh
+        )
+        return bvh + own_bytes(self._context)
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order; their work is that of the frame last begun."""
+        p = self._passes
+        work = frame_work(
+            FrameSizes(
+                alive=self._alive,
+                rays=self._rays,
+                pixels=self.scene.width * self.scene.height,
+                cells=self.grid.grid.cells,
+                neighbours=self.grid.published,
+                depth=self.settings.depth_moments,
+                guiding=self.settings.ray_guiding,
+            )
+        )
+
+        def alive() -> int:
+            return self._alive
+
+        launches: dict[str, Callable[[], list[Launch]]] = {
+            "transform_and_count": lambda: self.grid.transform_and_count(alive),
+            "prefix_sum": self.grid.prefix_sum,
+            "finalise": lambda: self.grid.finalise(alive),
+            "irradiance": p.irradiance,
+            "gbuffer": p.gbuffer,
+            "application": p.application,
+            "coverage": p.coverage,
+            "placement": p.placement,
+            "recycling": p.recycling,
+        }
+        return [Pass(name, build, work[name]) for name, build in launches.items()]
+
+    def begin_frame(self, frame: int) -> None:
+        """Move lights and camera, and tell the device what the frame is."""
+        self.scene.begin_frame(frame)
+        settings = self.settings
+        camera = camera_in(
+            frame, self._camera, self._path, settings.rest_frames, settings.flight_frames
+        )
+        self.device.write(
+            self.scene.camera_args[0],
+            camera_table(camera, self.scene.width, self.scene.height),
+        )
+        self.device.write(self.grid.table, self.grid.grid.table(camera.position))
+        self._alive = int(self.device.read(self.surfels.counters)[COUNT_ALIVE])
+        self._rays = rays_in_frame(settings, self._alive)
+        self._number += 1
+        self.device.write(self.surfels.geometry.frame, self._frame_words(camera))
+
+    def move_object(self, number: int, transform: npt.NDArray[np.floating]) -> None:
+        """Put an object's surfels elsewhere: they move with it from the next frame on.
+
+        Args:
+            number: the object, from 0, in ascending order of ``Scene.object_ids``.
+            transform: (3, 4) object to world, a rotation and a translation.
+
+        Raises:
+            BadInput: there is no such object, or the transform is not rigid.
+        """
+        transforms = self.surfels.geometry.transforms
+        if not 0 <= number < transforms.shape[0]:
+            raise BadInput(
+                f"no object number {number}", mend=f"the scene has {transforms.shape[0]}, from 0"
+            )
+        matrix = np.asarray(transform, np.float64)
+        turn = matrix[:, :3] if matrix.shape == (3, 4) else np.zeros((3, 3))
+        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-5):
+            raise BadInput("an object's transform is not a rotation and a translation")
+        inverse = np.concatenate([turn.T, -turn.T @ matrix[:, 3:]], axis=1)
+        for buffer, value in ((transforms, matrix), (self.surfels.inverses, inverse)):
+            table = self.device.read(buffer)
+            table[number] = value.reshape(12)
+            self.device.write(buffer, table)
+
+    def images(self) -> dict[str, FloatArray]:
+        """The last frame, its direct and its indirect part, (h, w, 3) W/m2/sr, and the surfels'
+        coverage of every pixel, as grey: white is covered threefold.
+        """
+        shape = (self.scene.height, self.scene.width, -1)
+        frame = self.device.read(self.scene.image)
+        direct = self.device.read(self.view.direct).reshape(shape)
+        covered = self.device.read(self.view.indirect).reshape(shape)[:, :, 3:]
+        return {
+            "frame": frame,
+            "direct only": direct,
+            "indirect only": frame - direct,
+            "coverage": np.repeat(covered / 3, 3, axis=2),
+        }
+
+    def coverage(self) -> FloatArray:
+        """Coverage (h, w) of the last frame's pixels; NaN where no surface's front shows."""
+        shape = (self.scene.height, self.scene.width)
+        covered = self.device.read(self.view.indirect)[:, 3].reshape(shape)
+        shows = self.device.read(self.view.position)[:, 3].view(np.int32).reshape(shape) != 0
+        return np.where(shows, covered, np.float32(np.nan))
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Indirect irradiance (n, 3) at the receivers, W/m2, by the last frame's surfels; black
+        where none covers a receiver, as where the camera has never looked.
+        """
+        return self.gathered()[:, :3]
+
+    def gathered(self) -> FloatArray:
+        """Indirect irradiance, W/m2, and coverage (n, 4) at the receivers."""
+        if self._receivers is None:
+            receivers = self._context.lightmap.receivers
+            self._receivers = (
+                self.device.upload("receiver_position", receivers.position),
+                self.device.upload("receiver_normal", receivers.normal),
+                self.device.empty("receiver_indirect", (len(receivers), 4), np.float32),
+            )
+        launch = self._passes.gather_points(*self._receivers)
+        prepare_launch(self.device, launch, self._context.workgroup_size).enqueue(self.device.queue)
+        return self.device.read(self._receivers[2])
+
+    def life(self) -> dict[str, int]:
+        """Surfels alive, free IDs, and how many the last frame placed and recycled."""
+        counters = self.device.read(self.surfels.counters)
+        return {
+            "alive": int(counters[COUNT_ALIVE]),
+            "free": int(counters[COUNT_FREE]),
+            "placed": int(counters[COUNT_PLACED]),
+            "recycled": int(counters[COUNT_RECYCLED]),
+        }
+
+    def counts(self) -> dict[str, int]:
+        """Surfels alive now, room for them, and the receivers."""
+        return {
+            "surfels": self.life()["alive"],
+            "surfel_capacity": self.settings.surfels,
+            "receivers": len(self._context.lightmap.receivers),
+        }
+
+    def _frame_words(self, camera: Camera) -> npt.NDArray[np.uint32]:
+        """What kernels_cl/gibs/frame.cl reads, (10,)."""
+        angle = 2 * math.tan(math.radians(camera.fov_degrees) / 2) * self.settings.radius_share
+        words = np.zeros(FRAME_WORDS, np.uint32)
+        words[:4] = self._alive, self._number, self._rays, self._context.seed & 0xFFFFFFFF
+        floats = np.array([*camera.position, angle, self._least, self._most], np.float32)
+        words[4:] = floats.view(np.uint32)
+        return words
+
+    def _refuse_too_many(self, published: bool) -> None:
+        """Refuse more surfels than the profile's budget holds, before anything is allocated."""
+        memory = self.device.memory
+        budget = memory.profile.memory_budget_bytes - memory.total_bytes
+        scene = frame_scene_bytes(self._context.scene, self._context.width, self._context.height)
+        needed = scene + own_bytes(self._context)
+        if needed > budget:
+            raise CannotRun(
+                f"{self.settings.surfels:,} surfels and the scene take {needed:,} bytes; "
+                f"{budget:,} are left of profile {memory.profile.name}'s budget",
+                mend="lower --set gibs.surfels",
+            )
+
+
+def grid_of(scene: Scene, settings: GibsSettings) -> Grid:
+    """The grid's shape for a scene."""
+    if settings.grid == PERSPECTIVE:
+        return PerspectiveGrid.around(scene.bounds, settings.grid_cells)
+    return UniformGrid.around(scene.bounds, settings.grid_cells)
+
+
+def entries_of(settings: GibsSettings, published: bool) -> int:
+    """Room in the grid's lists."""
+    return settings.surfels * (NEIGHBOURS if published else settings.entries_per_surfel)
+
+
+def own_bytes(context: CreateContext) -> int:
+    """Bytes beyond the :class:`FrameScene`, in closed form."""
+    settings: GibsSettings = context.settings
+    published, size = context.variant == PUBLISHED, context.workgroup_size
+    grid = grid_of(context.scene, settings)
+    objects = len(np.unique(context.scene.object_ids))
+    triangles = len(context.scene.triangles)
+    return (
+        Surfels.bytes_of(settings, objects, size)
+        + SurfelGrid.bytes_of(context.device, grid, published, entries_of(settings, published), size)
+        + CameraView.bytes_of(triangles, context.width, context.height)
+    )
