@@ -53,7 +53,8 @@ class DeviceTracer:
     """A :class:`~gibench.rays.tracer.RayTracer` by ``rays/trace.cl`` on ``device``.
 
     Rays go through buffers of the tracer's own, a chunk at a time; all are counted in the device's
-    ledger. :meth:`release` frees them.
+    ledger. :meth:`release` frees them. ``kernel_seconds`` is what the kernels of the last query
+    took, by their events.
 
     Args:
         device: where to trace.

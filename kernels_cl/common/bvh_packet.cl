@@ -72,19 +72,15 @@ inline bool bvh_axis(float16 o, float16 d, float *origin_near, float *origin_far
 inline bool bvh_packet(float16 ox, float16 oy, float16 oz, float16 dx, float16 dy, float16 dz,
                        BvhPacket *p)
 {
-    float3 near, far, low, high;
-    float a, b, c, d;
-    bool fit = bvh_axis(ox, dx, &a, &b, &c, &d);
-    near.x = a, far.x = b, low.x = c, high.x = d;
-    fit &= bvh_axis(oy, dy, &a, &b, &c, &d);
-    near.y = a, far.y = b, low.y = c, high.y = d;
-    fit &= bvh_axis(oz, dz, &a, &b, &c, &d);
-    near.z = a, far.z = b, low.z = c, high.z = d;
-    p->origin_near = near, p->origin_far = far;
-    p->inverse_low = low, p->inverse_high = high;
-    p->near_x = low.x < 0.0f ? 8 : 0;
-    p->near_y = low.y < 0.0f ? 24 : 16;
-    p->near_z = low.z < 0.0f ? 40 : 32;
+    float nx, ny, nz, fx, fy, fz, lx, ly, lz, hx, hy, hz;
+    bool fit = bvh_axis(ox, dx, &nx, &fx, &lx, &hx);
+    fit &= bvh_axis(oy, dy, &ny, &fy, &ly, &hy);
+    fit &= bvh_axis(oz, dz, &nz, &fz, &lz, &hz);
+    p->origin_near = (float3)(nx, ny, nz), p->origin_far = (float3)(fx, fy, fz);
+    p->inverse_low = (float3)(lx, ly, lz), p->inverse_high = (float3)(hx, hy, hz);
+    p->near_x = lx < 0.0f ? 8 : 0;
+    p->near_y = ly < 0.0f ? 24 : 16;
+    p->near_z = lz < 0.0f ? 40 : 32;
     const float16 ax = fabs(dx), ay = fabs(dy), az = fabs(dz);
     // A shear axis shorter than half of the longest one would cost precision.
     if (bvh_mask16(ax * 2.0f < max(ay, az)) == 0) {
