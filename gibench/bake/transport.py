@@ -89,6 +89,7 @@ class TransportBaker:
         tables: visibility tables, or None to trace every pair.
         seed: of the samples.
         cl_device: OpenCL device; by default the first there is.
+        vector: floats per vector, 1, 2, 4, 8 or 16; by default what the device prefers.
 
     Raises:
         CannotRun: there is no OpenCL device.
@@ -104,6 +105,7 @@ class TransportBaker:
         tables: VisibilityTables | None,
         seed: int = 0,
         cl_device: Any = None,
+        vector: int | None = None,
     ) -> None:
         self.lightmap = lightmap
         self.probes = probes
@@ -113,7 +115,7 @@ class TransportBaker:
         self.table_receivers = len(lightmap.receivers) if tables else 0
         self.coefficients = sh_count(settings.sh_order)
         cl_device = list_devices()[0] if cl_device is None else cl_device
-        self.vector = min(int(cl_device.preferred_vector_width_float), 16)
+        self.vector = vector or min(int(cl_device.preferred_vector_width_float), 16)
         self.stride = -(-settings.transport_rays // self.vector) * self.vector
         self.context = cl.Context([cl_device])
         defines = {
@@ -193,6 +195,12 @@ class TransportWorker:
         samples = self.baker.settings.transport_rays
         return PrimaryRays(origins[:, :samples], directions[:, :samples])
 
+    def decisions(self, receivers: Ints) -> npt.NDArray[np.bool_]:
+        """(q, s) mutual visibility V_i of every pair of ``receivers`` and nearby probe."""
+        pairs = nearby(self.baker.lightmap.receivers.position[receivers], self.baker.probes)
+        states = self._decisions(receivers, pairs)
+        return np.asarray(states[:, : self.baker.settings.transport_rays] != 0)
+
     def _chunks(self, pairs: Nearby) -> Iterator[slice]:
         """Runs of receivers with at most ``chunk_rays`` rays, and 16 pairs per ray on average."""
         most_receivers = max(1, self.baker.settings.chunk_rays // self.baker.stride)
@@ -249,6 +257,31 @@ class TransportWorker:
 
     def _chunk(self, receivers: Ints, pairs: Nearby) -> tuple[Floats, Ints]:
         """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
+        baker, queue = self.baker, self.queue
+        stride, count = baker.stride, len(receivers)
+        states = self._decisions(receivers, pairs)
+        now = perf_counter()
+        scratch = self._scratch
+        start, probe, weight = (scratch[f"pair_{name}"] for name in ("start", "probe", "weight"))
+        hits, visible = scratch["hits"], scratch["visible"]
+        inverse = self._buffer("inverse", 4 * count * stride)
+        valid = self._buffer("valid", 4 * count)
+        transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
+        self._weights(
+            queue, (count,), (1,), np.int32(stride), start, weight, visible, inverse, valid
+        )
+        self._accumulate(
+            queue, (len(pairs.probe),), (1,), np.int32(stride),
+            self._send("pair_receiver", pairs.receiver), probe, weight, baker.shared["probes"],
+            hits, visible, inverse, valid, transport,
+        )  # fmt: skip
+        shape = (len(pairs.probe), baker.coefficients)
+        out = self._fetch(transport, shape, np.float32), self._fetch(valid, (count,), np.int32)
+        self.clock.add("accumulate", now, states.size)
+        return out
+
+    def _decisions(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
+        """(q, stride) whether each sample is mutually visible; also left on the device."""
         baker, shared, queue, clock = self.baker, self.baker.shared, self.queue, self.clock
         stride, count, rays = baker.stride, len(receivers), len(receivers) * baker.stride
         now = perf_counter()
@@ -259,7 +292,7 @@ class TransportWorker:
 
         start = self._send("pair_start", pairs.start)
         probe = self._send("pair_probe", pairs.probe)
-        weight = self._send("pair_weight", pairs.weight)
+        self._send("pair_weight", pairs.weight)
         hits = self._buffer("hits", 16 * rays)
         visible = self._buffer("visible", len(pairs.probe) * stride)
         lightmap = baker.lightmap
@@ -280,21 +313,7 @@ class TransportWorker:
 
         if traced:
             cl.enqueue_copy(queue, visible, states)
-        inverse = self._buffer("inverse", 4 * rays)
-        valid = self._buffer("valid", 4 * count)
-        transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
-        self._weights(
-            queue, (count,), (1,), np.int32(stride), start, weight, visible, inverse, valid
-        )
-        self._accumulate(
-            queue, (len(pairs.probe),), (1,), np.int32(stride),
-            self._send("pair_receiver", pairs.receiver), probe, weight, shared["probes"],
-            hits, visible, inverse, valid, transport,
-        )  # fmt: skip
-        shape = (len(pairs.probe), baker.coefficients)
-        out = self._fetch(transport, shape, np.float32), self._fetch(valid, (count,), np.int32)
-        clock.add("accumulate", now, states.size)
-        return out
+        return np.asarray(states)
 
     def _resolve(self, states: npt.NDArray[np.uint8], pairs: Nearby, triangle: Ints) -> int:
         """Trace the undecided pairs and write the outcome into ``states``; returns their number."""
