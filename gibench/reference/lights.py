@@ -50,6 +50,7 @@ class EnvironmentTable:
         density: (h, w) float32 density within each pixel, 1/sr.
         rows: (h,) float32 cumulative probability of the rows.
         columns: (h, w) float32 cumulative probability within each row.
+        edges: (h + 1,) float32 cosines of the polar angles between the rows.
     """
 
     sampled: bool
@@ -57,6 +58,7 @@ class EnvironmentTable:
     density: Floats = field(repr=False)
     rows: Floats = field(repr=False)
     columns: Floats = field(repr=False)
+    edges: Floats = field(repr=False)
 
 
 def luminance(rgb: npt.NDArray[Any]) -> Doubles:
@@ -102,7 +104,7 @@ def environment_table(pixels: Floats) -> EnvironmentTable:
     total = power.sum()
     if total <= 0 or np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0:
         one = np.ones((1, 1), np.float32)
-        return EnvironmentTable(False, not np.any(pixels), one, one[0], one)
+        return EnvironmentTable(False, not np.any(pixels), one, one[0], one, np.array((1.0, -1.0), np.float32))
     by_row = power.sum(axis=1)
     in_row = np.cumsum(power, axis=1)
     columns = in_row / np.where(by_row > 0, by_row, 1.0)[:, None]
@@ -112,6 +114,7 @@ def environment_table(pixels: Floats) -> EnvironmentTable:
         (power / total / solid_angle).astype(np.float32),
         (np.cumsum(by_row) / total).astype(np.float32),
         columns.astype(np.float32),
+        edges.astype(np.float32),
     )
 
 

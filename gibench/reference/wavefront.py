@@ -128,6 +128,7 @@ class Wavefront:
             self._density,
             share(table.rows),
             share(table.columns),
+            share(table.edges),
         )
         if isinstance(start, ReceiverStart):
             f = start.fragments

@@ -1,6 +1,7 @@
 // Light sampling for the reference path tracer: delta lights, emissive triangles, environment.
 #ifndef GIBENCH_REFERENCE_LIGHTS
 #define GIBENCH_REFERENCE_LIGHTS
+#include "reference/sampler.cl"
 #include "reference/surface.cl"
 
 // A delta light is a record of 12 floats: position, direction it shines along, irradiance or
@@ -15,16 +16,15 @@ typedef struct {
     float3 weight;
 } Connection;
 
-// First index i of the ascending table (n) with table[i] > x; n - 1 when there is none.
+// First index i of the ascending table (n) with table[i] > x; n - 1 when there is none. Without
+// branches on the table, which no processor could predict.
 inline int find_interval(__global const float *table, int n, float x)
 {
-    int low = 0, high = n - 1;
-    while (low < high) {
-        const int middle = (low + high) / 2;
-        if (table[middle] > x)
-            high = middle;
-        else
-            low = middle + 1;
+    int low = 0;
+    while (n > 1) {
+        const int half_ = n / 2;
+        low += table[low + half_ - 1] <= x ? half_ : 0;
+        n -= half_;
     }
     return low;
 }
@@ -97,36 +97,38 @@ inline Connection connect_emitter(__global const float *triangles, __global cons
 }
 
 // A direction chosen by the environment's radiance, uniform in solid angle within a pixel;
-// weighted against finding it by a cosine-distributed direction.
+// weighted against finding it by a cosine-distributed direction. `edges` (height + 1) holds the
+// cosines of the rows' polar angles.
 inline Connection connect_environment(__global const float *pixels, __global const float *density,
                                       __global const float *rows, __global const float *columns,
+                                      __global const float *edges,
                                       int width, int height, float2 random, float3 normal)
 {
     const int row = find_interval(rows, height, random.x);
     __global const float *in_row = columns + (size_t)row * width;
     const int column = find_interval(in_row, width, random.y);
-    const float top = cos(PI_F * row / height), bottom = cos(PI_F * (row + 1) / height);
-    const float y = mix(top, bottom, within_interval(rows, row, random.x));
-    const float across = (column + within_interval(in_row, column, random.y)) / width;
-    const float azimuth = 2.0f * PI_F * (across - 0.5f);
+    const float y = mix(edges[row], edges[row + 1], within_interval(rows, row, random.x));
+    const float x = column + within_interval(in_row, column, random.y);
     const float radius = sqrt(max(1.0f - y * y, 0.0f));
+    // Azimuth -pi is column 0.
+    const float2 around = cos_sin_turns(x / width);
     Connection c;
-    c.direction = (float3)(radius * sin(azimuth), y, -radius * cos(azimuth));
+    c.direction = (float3)(-radius * around.y, y, radius * around.x);
     c.distance = INFINITY;
+    c.weight = (float3)(0.0f);
     const float by_cosine = max(dot(normal, c.direction), 0.0f) * INV_PI_F;
     const float by_light = density[row * width + column];
-    c.weight = (float3)(0.0f);
-    if (by_cosine > 0.0f && by_light > 0.0f)
-        c.weight = environment_at(pixels, width, height, c.direction) *
+    if (by_cosine > 0.0f && by_light > 0.0f) {
+        const float down = acos(clamp(y, -1.0f, 1.0f)) * INV_PI_F * height;
+        c.weight = environment_at(pixels, width, height, (float2)(x, down)) *
                    (by_cosine * power_heuristic(by_light, by_cosine) / by_light);
+    }
     return c;
 }
 
-inline float environment_density(__global const float *density, int width, int height, float3 d)
+inline float environment_density(__global const float *density, int width, int height, float2 pixel)
 {
-    const int column = (int)((atan2(d.x, -d.z) * (0.5f * INV_PI_F) + 0.5f) * width);
-    const int row = (int)(acos(clamp(d.y, -1.0f, 1.0f)) * INV_PI_F * height);
-    return density[clamp(row, 0, height - 1) * width + clamp(column, 0, width - 1)];
+    return density[clamp((int)pixel.y, 0, height - 1) * width + clamp((int)pixel.x, 0, width - 1)];
 }
 
 #endif

@@ -26,10 +26,9 @@ inline float4 cosine_direction(float2 random, float3 shading, float3 geometric)
 {
     float3 t, b;
     orthonormal_basis(shading, &t, &b);
-    const float radius = sqrt(random.x), angle = 2.0f * PI_F * random.y;
+    const float2 on_disc = sqrt(random.x) * cos_sin_turns(random.y);
     const float height = sqrt(1.0f - random.x);
-    const float3 d =
-        normalize(radius * cos(angle) * t + radius * sin(angle) * b + height * shading);
+    const float3 d = unit(on_disc.x * t + on_disc.y * b + height * shading);
     return (float4)(d, dot(d, geometric) > 0.0f ? height * INV_PI_F : -1.0f);
 }
 
@@ -100,7 +99,7 @@ void start_at_camera(
     store3(throughput, p, (float3)(1.0f));
     store3(collected, p, (float3)(0.0f));
     store3(origin, p, load3(camera, 0));
-    store3(direction, p, normalize(load3(camera, 1) + x * load3(camera, 2) + y * load3(camera, 3)));
+    store3(direction, p, unit(load3(camera, 1) + x * load3(camera, 2) + y * load3(camera, 3)));
     path[p] = p;
     density[p] = 1.0f;
 }
@@ -118,7 +117,7 @@ void connect(
     uint emitter_count, __global const int *emitters, __global const float *emitter_table,
     int width, int height, __global const float *environment,
     __global const float *environment_density_, __global const float *environment_rows,
-    __global const float *environment_columns,
+    __global const float *environment_columns, __global const float *environment_edges,
     __global const float *throughput,
     __global const float *origin, __global const float *shading, __global const float *geometric,
     __global const int *path,
@@ -151,7 +150,7 @@ void connect(
                                 point, n);
         else
             c = connect_environment(environment, environment_density_, environment_rows,
-                                    environment_columns, width, height,
+                                    environment_columns, environment_edges, width, height,
                                     sample_2d(sample, dimension_seed(owner, round_seed,
                                                                      DIM_ENVIRONMENT(vertex))),
                                     n);
@@ -235,12 +234,13 @@ void shade(
         const int triangle = hit_triangle[i];
         if (triangle < 0) {
             if (from_camera != 1) {
+                const float2 pixel = environment_pixel(d, width, height);
                 float w = 1.0f;
                 if (!from_camera && environment_sampled)
-                    w = power_heuristic(by_cosine,
-                                        environment_density(environment_density_, width, height, d));
+                    w = power_heuristic(by_cosine, environment_density(environment_density_, width,
+                                                                       height, pixel));
                 store3(collected, p, load3(collected, p) +
-                       w * carried * environment_at(environment, width, height, d));
+                       w * carried * environment_at(environment, width, height, pixel));
             }
         } else {
             s = surface_at(triangles, triangle, hit_u[i], hit_v[i]);

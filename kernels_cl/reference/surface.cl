@@ -10,6 +10,12 @@
 // density of light samples on it (1/m2).
 #define MATERIAL_FLOATS 8
 
+// The builtin guards against overflow, which costs more than all the rest.
+inline float3 unit(float3 v)
+{
+    return v * (1.0f / sqrt(dot(v, v)));
+}
+
 typedef struct {
     float3 point;
     float3 geometric; // unit, on the front
@@ -25,10 +31,10 @@ inline Surface surface_at(__global const float *triangles, int triangle, float u
     const float3 a = load3(t, 0), b = load3(t, 1), c = load3(t, 2);
     Surface s;
     s.point = a + u * (b - a) + v * (c - a);
-    s.geometric = normalize(cross(b - a, c - a));
+    s.geometric = unit(cross(b - a, c - a));
     const float3 n = w * load3(t, 3) + u * load3(t, 4) + v * load3(t, 5);
     const float squared = dot(n, n);
-    s.shading = squared > 1e-12f && dot(n, s.geometric) > 0.0f ? n * rsqrt(squared) : s.geometric;
+    s.shading = squared > 1e-12f && dot(n, s.geometric) > 0.0f ? n * (1.0f / sqrt(squared)) : s.geometric;
     s.uv = (float2)(w * t[18] + u * t[20] + v * t[22], w * t[19] + u * t[21] + v * t[23]);
     s.material = as_int(t[24]);
     return s;
@@ -51,6 +57,8 @@ inline float3 leave_surface(float3 p, float3 n)
 
 inline int wrapped(int i, int n)
 {
+    if (i >= 0 && i < n)
+        return i;
     const int r = i % n;
     return r < 0 ? r + n : r;
 }
@@ -73,19 +81,25 @@ inline float3 texture_at(__global const float *pixels, __global const int *image
                mix(load3(pixels, bottom + left), load3(pixels, bottom + right), fx), fy);
 }
 
-// Radiance of the equirectangular environment, as gibench.scene.model.Environment.radiance.
-inline float3 environment_at(__global const float *pixels, int width, int height, float3 d)
+// Where a direction lies on an equirectangular image of width x height pixels (0 to width, 0 to
+// height), as gibench.scene.model.Environment has it.
+inline float2 environment_pixel(float3 d, int width, int height)
 {
-    if (width == 1 && height == 1)
-        return load3(pixels, 0);
-    const float x = (atan2(d.x, -d.z) * (0.5f * INV_PI_F) + 0.5f) * width - 0.5f;
-    const float y = acos(clamp(d.y, -1.0f, 1.0f)) * INV_PI_F * height - 0.5f;
-    const float x0 = floor(x), y0 = floor(y);
-    const int left = wrapped((int)x0, width), right = wrapped((int)x0 + 1, width);
-    const size_t top = (size_t)clamp((int)y0, 0, height - 1) * width;
-    const size_t bottom = (size_t)clamp((int)y0 + 1, 0, height - 1) * width;
-    return mix(mix(load3(pixels, top + left), load3(pixels, top + right), x - x0),
-               mix(load3(pixels, bottom + left), load3(pixels, bottom + right), x - x0), y - y0);
+    const float x = width > 1 ? (atan2(d.x, -d.z) * (0.5f * INV_PI_F) + 0.5f) * width : 0.5f;
+    const float y = height > 1 ? acos(clamp(d.y, -1.0f, 1.0f)) * INV_PI_F * height : 0.5f;
+    return (float2)(x, y);
+}
+
+// Radiance there: bilinear, wrapping across, clamped at the poles.
+inline float3 environment_at(__global const float *pixels, int width, int height, float2 pixel)
+{
+    const float2 at = pixel - 0.5f;
+    const float2 whole = floor(at), part = at - whole;
+    const int left = wrapped((int)whole.x, width), right = wrapped((int)whole.x + 1, width);
+    const size_t top = (size_t)clamp((int)whole.y, 0, height - 1) * width;
+    const size_t bottom = (size_t)clamp((int)whole.y + 1, 0, height - 1) * width;
+    return mix(mix(load3(pixels, top + left), load3(pixels, top + right), part.x),
+               mix(load3(pixels, bottom + left), load3(pixels, bottom + right), part.x), part.y);
 }
 
 #endif
