@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.measure.statistics import REAL_TIME_MS, moved
+from gibench.report.images import METHOD
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
 
@@ -137,12 +138,16 @@ def _roofs_section(record: Mapping[str, Any]) -> str:
     return (
         "Measured in this run, at its start and at its end; *of roof* in the tables is the least "
         "time the better of the two allows for a pass's declared bytes, flops and rays, over its "
-        "median time.\n\n" + _table(("roof", "start", "end"), rows)
+        "median time. The ray roof is of incoherent closest hits in a small scene: shadow rays and "
+        "rays that run together can pass it, rays in a large scene cannot reach it. Data that stay "
+        "in the cache can pass the bandwidth roof.\n\n" + _table(("roof", "start", "end"), rows)
     )
 
 
 def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:
     lines = []
+    if record["arguments"]["save_images"]:
+        lines.append(f"Images beneath `images/`: {METHOD}.")
     for scene in record["scenes"]:
         lines.append(
             f"{scene['name']}: {scene['triangles']:,} triangles, content "
