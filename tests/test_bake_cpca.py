@@ -1,0 +1,122 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tiny_scenes import room
+
+from gibench.bake.cpca import aabb_clusters, compress, truncated_svd
+from gibench.bake.relight import relight_samples
+from gibench.bake.settings import SrpBakeSettings
+from gibench.bake.srp_data import ProbeSet
+from gibench.bake.transport import TransportBaker
+from gibench.rays.embree import EmbreeTracer
+
+
+@pytest.mark.parametrize(("count", "most"), [(5000, 1024), (5000, 100), (1024, 1024), (3, 1)])
+def test_clusters_partition_the_receivers_into_boxes(count, most):
+    positions = np.random.default_rng(count).random((count, 3)).astype(np.float32) * [4, 1, 2]
+    clusters = aabb_clusters(positions, most)
+    assert max(len(c) for c in clusters) <= most
+    assert np.array_equal(np.sort(np.concatenate(clusters)), np.arange(count))
+    assert all((np.diff(c) > 0).all() for c in clusters)
+    # Boxes of an AABB tree do not overlap.
+    boxes = [(positions[c].min(axis=0), positions[c].max(axis=0)) for c in clusters]
+    for i, (low, high) in enumerate(boxes):
+        for other_low, other_high in boxes[i + 1 :]:
+            assert (high < other_low).any() or (other_high < low).any()
+
+
+def test_coinciding_receivers_are_still_split():
+    clusters = aabb_clusters(np.ones((50, 3), np.float32), 8)
+    assert max(len(c) for c in clusters) <= 8
+    assert sum(len(c) for c in clusters) == 50
+
+
+@pytest.mark.parametrize("shape", [(60, 200), (200, 60), (1, 5)])
+def test_truncated_svd_is_the_best_of_its_rank(shape):
+    rng = np.random.default_rng(shape[0])
+    rank = min(shape)
+    matrix = rng.standard_normal((shape[0], rank)) * 0.7 ** np.arange(rank)
+    matrix = matrix @ rng.standard_normal((rank, shape[1]))
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    for most, threshold in ((32, 0.005), (4, 0.005), (32, 0.2)):
+        u, projection, error = truncated_svd(matrix, most, threshold)
+        n = u.shape[1]
+        best = np.sqrt((singular[n:] ** 2).sum() / (singular**2).sum())
+        actual = np.linalg.norm(matrix - u.astype(float) @ projection) / np.linalg.norm(matrix)
+        assert n <= most
+        assert error == pytest.approx(best, abs=1e-6)
+        assert actual == pytest.approx(best, rel=1e-3, abs=1e-6)
+        assert error <= threshold or n == min(most, rank)
+        if n > 1:  # one vector fewer would not have been enough
+            assert np.sqrt((singular[n - 1 :] ** 2).sum() / (singular**2).sum()) > threshold
+        assert np.allclose(u.T @ u, np.eye(n), atol=1e-5)
+
+
+def test_dark_cluster_keeps_nothing():
+    receivers, probes = np.arange(5, dtype=np.int32), np.array([3, 7], np.int32)
+    matrix = np.zeros((5, 8), np.float32)
+    (cluster,) = compress(receivers, np.zeros((5, 3)), probes, matrix, 4, 32, 0.005, 0.02)
+    assert cluster.projection.shape == (0, 0)
+    assert cluster.reconstruction.shape == (5, 0)
+    assert cluster.error == 0.0
+
+
+def test_columns_of_unused_probes_are_dropped():
+    rng = np.random.default_rng(1)
+    matrix = rng.standard_normal((6, 3, 4)).astype(np.float32)
+    matrix[:, 1] = 0
+    receivers, probes = np.arange(10, 16, dtype=np.int32), np.array([2, 5, 9], np.int32)
+    positions = rng.random((6, 3)).astype(np.float32)
+    flat = matrix.reshape(6, -1)
+    (cluster,) = compress(receivers, positions, probes, flat, 4, 32, 0.0, 1.0)
+    assert cluster.probes.tolist() == [2, 9]
+    rebuilt = cluster.reconstruction @ cluster.projection
+    assert np.allclose(rebuilt, matrix[:, [0, 2]].reshape(6, -1), atol=1e-5)
+
+
+def point_lights(scene, lightmap, relight, rng, count):
+    """Probe radiance (p * c, count) under one random point light each, with shadows."""
+    receivers = lightmap.receivers
+    low, high = scene.bounds
+    tracer = EmbreeTracer(scene.corners, threads=1)
+    radiance = np.zeros((lightmap.width * lightmap.height + 2, count))
+    for i in range(count):
+        light = (low + (high - low) * rng.uniform(0.1, 0.9, 3)).astype(np.float32)
+        toward = receivers.position + 1e-4 * receivers.normal - light
+        distance = np.linalg.norm(toward, axis=1)
+        cosine = np.maximum(0, -(toward * receivers.normal).sum(axis=1) / distance)
+        lit = ~tracer.occluded(np.broadcast_to(light, toward.shape), toward, 1 - 1e-4)
+        radiance[receivers.texel, i] = lit * cosine / np.maximum(distance, 0.05) ** 2
+    return np.einsum("psi,sc->pci", radiance[relight.texel], relight.basis.astype(float))
+
+
+def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings():
+    scene, lightmap = room(14)
+    grid = np.stack(np.meshgrid([-0.7, 0.75], [0.3, 1.2, 2.1], [-0.8, 0.7]), axis=-1)
+    probes = ProbeSet(grid.reshape(-1, 3).astype(np.float32), 1.6)
+    settings = SrpBakeSettings(transport_rays=2048, cluster_size=256)
+    tracer = EmbreeTracer(scene.corners)
+    worker = TransportBaker(scene, lightmap, probes, settings, tracer, None).worker()
+    relight = relight_samples(scene, lightmap, probes, tracer, 7, 1024)
+    light = point_lights(scene, lightmap, relight, np.random.default_rng(3), 10)
+    difference, total = np.zeros(10), np.zeros(10)
+    positions = lightmap.receivers.position
+    stored = whole = 0
+    for members in aabb_clusters(positions, settings.cluster_size):
+        rows = worker.rows(members)
+        full = rows.matrix.astype(float) @ light[rows.probes].reshape(-1, 10)
+        clusters = compress(
+            members, positions[members], rows.probes, rows.matrix, 64,
+            settings.svd_vectors, settings.svd_threshold, settings.svd_refine,
+        )  # fmt: skip
+        assert np.array_equal(np.sort(np.concatenate([c.receivers for c in clusters])), members)
+        for c in clusters:
+            basis = c.projection.astype(float) @ light[c.probes].reshape(-1, 10)
+            exact = full[np.searchsorted(members, c.receivers)]
+            difference += ((c.reconstruction @ basis - exact) ** 2).sum(axis=0)
+            total += (exact**2).sum(axis=0)
+            stored += c.projection.size + c.reconstruction.size
+        whole += rows.matrix.size
+    assert (np.sqrt(difference / total) < 0.01).all()
+    assert stored < 0.7 * whole
