@@ -38,7 +38,8 @@ def geometry(device: Device, position, normal, frame, ids=None, capacity=None, t
         device.empty("world_position", (3, capacity), np.float32),
         device.empty("world_normal", (3, capacity), np.float32),
         device.empty("radii", capacity, np.float32),
-        device.upload("mean", np.random.default_rng(5).random((3, capacity), np.float32)),
+        mean=device.upload("mean", np.random.default_rng(5).random((3, capacity), np.float32)),
+        nearest=device.empty("nearest", capacity, np.float32),
     )
 
 

@@ -22,11 +22,12 @@
 #define COUNT_WORDS 5
 
 // packed: PACKED_ROWS rows of PACKED_STRIDE floats, an entry of the grid's lists per column:
-// position, normal, 1 / radius, irradiance. Beyond the entries, room for one vector.
+// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries, room for one vector.
 #define PACKED_STRIDE (ENTRIES + 16)
-#define PACKED_ROWS 10
+#define PACKED_ROWS 11
 #define PACKED_RADIUS 6
 #define PACKED_IRRADIANCE 7
+#define PACKED_NEAREST 10
 
 inline float frame_float(__global const uint *frame, int word)
 {

@@ -39,6 +39,47 @@
 #define LANES (float16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
 #endif
 
+// Unaligned loads, max(x, 0) and sums over lanes without builtin calls: around a call PoCL 3 spills
+// every vector.
+#if VEC == 1
+#define vec_at(p) (*(p))
+#elif defined(__clang__)
+typedef vfloat vfloat_unaligned __attribute__((aligned(4)));
+#define vec_at(p) ((vfloat)*(__global const vfloat_unaligned *)(p))
+#else
+#define vec_at(p) vec_load(0, p)
+#endif
+
+inline vfloat vec_max0(vfloat x)
+{
+    return x > 0.0f ? x : (vfloat)(0.0f);
+}
+
+// Sum of all lanes, pairwise.
+inline float lanes_sum(vfloat v)
+{
+#if VEC == 1
+    return v;
+#else
+#if VEC == 16
+    const float8 a = v.lo + v.hi;
+#elif VEC == 8
+    const float8 a = v;
+#endif
+#if VEC >= 8
+    const float4 b = a.lo + a.hi;
+#elif VEC == 4
+    const float4 b = v;
+#endif
+#if VEC >= 4
+    const float2 c = b.lo + b.hi;
+#else
+    const float2 c = v;
+#endif
+    return c.x + c.y;
+#endif
+}
+
 typedef struct {
     float3 irradiance; // W/m2; 0 where nothing covers
     float coverage;
@@ -75,29 +116,35 @@ inline Gathered gather(GATHER_PARAMS, float3 x, float3 n, __global uint *seen, u
     vfloat sum_r = (vfloat)(0.0f), sum_g = sum_r, sum_b = sum_r, sum_w = sum_r;
     for (uint first = start; first < end; first += VEC) {
         __global const float *p = packed + first;
-        const vfloat ox = x.x - vec_load(0, p);
-        const vfloat oy = x.y - vec_load(0, p + PACKED_STRIDE);
-        const vfloat oz = x.z - vec_load(0, p + 2 * PACKED_STRIDE);
-        const vfloat mx = vec_load(0, p + 3 * PACKED_STRIDE);
-        const vfloat my = vec_load(0, p + 4 * PACKED_STRIDE);
-        const vfloat mz = vec_load(0, p + 5 * PACKED_STRIDE);
+        const vfloat ox = x.x - vec_at(p);
+        const vfloat oy = x.y - vec_at(p + PACKED_STRIDE);
+        const vfloat oz = x.z - vec_at(p + 2 * PACKED_STRIDE);
+        const vfloat mx = vec_at(p + 3 * PACKED_STRIDE);
+        const vfloat my = vec_at(p + 4 * PACKED_STRIDE);
+        const vfloat mz = vec_at(p + 5 * PACKED_STRIDE);
         const vfloat h = ox * mx + oy * my + oz * mz;
-        const vfloat squared = ox * ox + oy * oy + oz * oz +
-                               (NORMAL_STRETCH * NORMAL_STRETCH - 1.0f) * h * h;
-        const vfloat inverse = vec_load(0, p + PACKED_RADIUS * PACKED_STRIDE);
-        const vfloat t = fmax(1.0f - sqrt(squared) * inverse, (vfloat)(0.0f));
+        const vfloat away = ox * ox + oy * oy + oz * oz;
+        const vfloat squared = away + (NORMAL_STRETCH * NORMAL_STRETCH - 1.0f) * h * h;
+        const vfloat inverse = vec_at(p + PACKED_RADIUS * PACKED_STRIDE);
+        const vfloat t = vec_max0(1.0f - sqrt(squared) * inverse);
         vfloat w = t * t * (3.0f - 2.0f * t) *
-                   fmax(n.x * mx + n.y * my + n.z * mz, (vfloat)(0.0f));
+                   vec_max0(n.x * mx + n.y * my + n.z * mz);
         // Lanes past the list's end belong to other cells.
         const float left = (float)(end - first);
         w = (LANES < left) ? w : (vfloat)(0.0f);
         if (!vec_any(w))
             continue;
 #if DEPTH
-        float weights[VEC];
-        vec_store(w, 0, weights);
-        for (uint lane = 0; lane < VEC; ++lane)
-            if (weights[lane] > 0.0f) {
+        // A point nearer than all mean depths passes for certain.
+        const vfloat nearest = vec_at(p + PACKED_NEAREST * PACKED_STRIDE);
+        const vfloat doubtful = away > nearest * nearest ? w : (vfloat)(0.0f);
+        if (vec_any(doubtful)) {
+            float weights[VEC], tested[VEC];
+            vec_store(w, 0, weights);
+            vec_store(doubtful, 0, tested);
+            for (uint lane = 0; lane < VEC; ++lane) {
+                if (tested[lane] <= 0.0f)
+                    continue;
                 const uint id = ids[first + lane];
                 const float3 m = (float3)(p[3 * PACKED_STRIDE + lane], p[4 * PACKED_STRIDE + lane],
                                           p[5 * PACKED_STRIDE + lane]);
@@ -105,12 +152,13 @@ inline Gathered gather(GATHER_PARAMS, float3 x, float3 n, __global uint *seen, u
                                               p[2 * PACKED_STRIDE + lane]);
                 weights[lane] *= depth_visibility(moments, id, m, o);
             }
-        w = vec_load(0, weights);
+            w = vec_load(0, weights);
+        }
 #endif
         p += PACKED_IRRADIANCE * PACKED_STRIDE;
-        sum_r += w * vec_load(0, p);
-        sum_g += w * vec_load(0, p + PACKED_STRIDE);
-        sum_b += w * vec_load(0, p + 2 * PACKED_STRIDE);
+        sum_r += w * vec_at(p);
+        sum_g += w * vec_at(p + PACKED_STRIDE);
+        sum_b += w * vec_at(p + 2 * PACKED_STRIDE);
         sum_w += w;
         if (seen) {
             float marked[VEC];
@@ -120,8 +168,8 @@ inline Gathered gather(GATHER_PARAMS, float3 x, float3 n, __global uint *seen, u
                     atomic_max(seen + ids[first + lane], stamp);
         }
     }
-    sum = (float3)(vec_sum(sum_r), vec_sum(sum_g), vec_sum(sum_b));
-    coverage = vec_sum(sum_w);
+    sum = (float3)(lanes_sum(sum_r), lanes_sum(sum_g), lanes_sum(sum_b));
+    coverage = lanes_sum(sum_w);
 #endif
     Gathered g;
     g.coverage = coverage;

@@ -59,7 +59,8 @@ __kernel void placement(__global const uint *frame, __global const uint *least, 
                         __global uint *alive_ids, __global int *object_ids,
                         __global float *local_position, __global float *local_normal,
                         __global uint *births, __global uint *seen, __global float *estimator,
-                        __global float *moments, __global float *guides, __local uint *partial)
+                        __global float *moments, __global float *nearest,
+                        __global float *guides, __local uint *partial)
 {
     const uint item = get_local_id(0), size = get_local_size(0);
     const int tiles_across = (width + PLACEMENT_TILE - 1) / PLACEMENT_TILE;
@@ -101,6 +102,7 @@ __kernel void placement(__global const uint *frame, __global const uint *least, 
                 moments[(size_t)id * MOMENT_FLOATS + t] = reach;
                 moments[(size_t)id * MOMENT_FLOATS + HEMISPHERE_TEXELS + t] = reach * reach;
             }
+            nearest[id] = reach;
 #endif
 #if GUIDING
             for (int t = 0; t < HEMISPHERE_TEXELS; ++t)

@@ -138,11 +138,12 @@ __kernel void sort_lists(__global const uint *starts, __global uint *ids)
 }
 
 // pack_lists: one work-item per cell (tuned only). Copies what a lookup reads of the cell's surfels
-// into list order. mean: (3, CAPACITY) irradiance, W/m2.
+// into list order. mean: (3, CAPACITY) irradiance, W/m2. nearest:
+// (CAPACITY,) least mean depth, m (gibs/depth.cl).
 __kernel void pack_lists(__global const uint *starts, __global const uint *ids,
                          __global const float *world_position, __global const float *world_normal,
                          __global const float *radii, __global const float *mean,
-                         __global float *packed)
+                         __global const float *nearest, __global float *packed)
 {
     const int cell = get_global_id(0);
     if (cell >= GRID_CELLS)
@@ -156,18 +157,24 @@ __kernel void pack_lists(__global const uint *starts, __global const uint *ids,
             packed[(PACKED_IRRADIANCE + c) * PACKED_STRIDE + e] = mean[c * CAPACITY + id];
         }
         packed[PACKED_RADIUS * PACKED_STRIDE + e] = 1.0f / radii[id];
+        packed[PACKED_NEAREST * PACKED_STRIDE + e] = nearest[id];
     }
 }
 
-// pack_irradiance: one work-item per cell (tuned only); refreshes the irradiance in `packed`.
+// pack_irradiance: one work-item per cell (tuned only); refreshes in `packed` what the irradiance
+// pass has changed.
 __kernel void pack_irradiance(__global const uint *starts, __global const uint *ids,
-                              __global const float *mean, __global float *packed)
+                              __global const float *mean, __global const float *nearest,
+                              __global float *packed)
 {
     const int cell = get_global_id(0);
     if (cell >= GRID_CELLS)
         return;
     const uint start = min(starts[cell], (uint)ENTRIES), end = min(starts[cell + 1], (uint)ENTRIES);
-    for (uint e = start; e < end; ++e)
+    for (uint e = start; e < end; ++e) {
+        const uint id = ids[e];
         for (int c = 0; c < 3; ++c)
-            packed[(PACKED_IRRADIANCE + c) * PACKED_STRIDE + e] = mean[c * CAPACITY + ids[e]];
+            packed[(PACKED_IRRADIANCE + c) * PACKED_STRIDE + e] = mean[c * CAPACITY + id];
+        packed[PACKED_NEAREST * PACKED_STRIDE + e] = nearest[id];
+    }
 }

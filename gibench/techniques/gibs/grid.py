@@ -15,7 +15,7 @@ from gibench.scene.model import Floats
 from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_levels, wave_of
 from gibench.techniques.technique import Launch
 
-PACKED_ROWS = 10  # kernels_cl/gibs/frame.cl
+PACKED_ROWS = 11  # kernels_cl/gibs/frame.cl
 PACKED_PADDING = 16  # kernels_cl/gibs/frame.cl, PACKED_STRIDE
 NEIGHBOURS = 27  # cells a surfel goes into as published (paper 004, section 4.2.1)
 PERSPECTIVE_NEAR = 0.1  # half the inner cube's side, share of the scene's diagonal; our choice
@@ -133,6 +133,7 @@ class SurfelGeometry:
         world_normal: (3, capacity) float32, unit.
         radii: (capacity,) float32, m.
         mean: (3 or more, capacity) float32; rows 0-2 are the irradiance, W/m2.
+        nearest: (capacity,) float32 least mean depth, m.
     """
 
     frame: Buffer
@@ -145,6 +146,7 @@ class SurfelGeometry:
     world_normal: Buffer
     radii: Buffer
     mean: Buffer
+    nearest: Buffer
 
     @property
     def capacity(self) -> int:
@@ -277,7 +279,7 @@ class SurfelGrid:
         write = Launch(program, "finalise", args, items=alive)
         if self.packed is None:
             return [write]
-        geometry = (s.world_position, s.world_normal, s.radii, s.mean)
+        geometry = (s.world_position, s.world_normal, s.radii, s.mean, s.nearest)
         cells = self.grid.cells
         return [
             write,
@@ -295,7 +297,7 @@ class SurfelGrid:
         if self.packed is None:
             return []
         program = self.device.program("gibs/sort.cl", self.defines)
-        args = (self.starts, self.ids, self.surfels.mean, self.packed)
+        args = (self.starts, self.ids, self.surfels.mean, self.surfels.nearest, self.packed)
         return [Launch(program, "pack_irradiance", args, items=self.grid.cells)]
 
     def read_lists(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:

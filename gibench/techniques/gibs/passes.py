@@ -172,14 +172,15 @@ class FramePasses:
             s.ray_light,
             s.ray_choice,
         )
-        taken = (s.ray_first, s.ray_light, s.ray_choice, g.radii, s.estimator, s.moments, s.guides)
+        rays = (s.ray_first, s.ray_light, s.ray_choice)
+        learnt = (s.estimator, s.moments, g.nearest, s.guides)
         return [
             launch("request_rays", g.frame, g.alive_ids, s.estimator, s.seen, s.marks),
             # The first word of `frame` is the number of surfels alive.
             *s.scan.launches(s.marks, g.frame, s.before, self.alive),
             launch("assign_rays", g.frame, s.before, s.ray_first, s.ray_owner),
             Launch(program, "trace_rays", trace, items=self.rays),
-            launch("update_surfels", g.frame, g.alive_ids, *taken),
+            launch("update_surfels", g.frame, g.alive_ids, *rays, g.radii, *learnt),
         ]
 
     def gbuffer(self) -> list[Launch]:
@@ -254,6 +255,7 @@ class FramePasses:
             s.seen,
             s.estimator,
             s.moments,
+            g.nearest,
             s.guides,
             LocalMemory(8 * self.workgroup_size),
         )

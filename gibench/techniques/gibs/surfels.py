@@ -105,6 +105,7 @@ class Surfels:
             world_normal=floats("world_normal", 3, n),
             radii=floats("radii", n),
             mean=estimator,
+            nearest=floats("nearest", n),
         )
         return Surfels(
             geometry=geometry,
@@ -133,7 +134,7 @@ class Surfels:
     def bytes_of(settings: GibsSettings, objects: int, workgroup_size: int) -> int:
         """Bytes it takes, in closed form."""
         n, rays = settings.surfels, most_rays(settings)
-        per_surfel = 2 + 12 + 1 + ESTIMATOR_ROWS + 2 + 1 + 1 + 1 + 1 + 1
+        per_surfel = 2 + 12 + 1 + 1 + ESTIMATOR_ROWS + 2 + 1 + 1 + 1 + 1 + 1
         words = n * per_surfel + 2 + FRAME_WORDS + COUNT_WORDS + 2 * 12 * objects
         words += MOMENT_FLOATS * (n if settings.depth_moments else 1)
         words += GUIDE_FLOATS * (n if settings.ray_guiding else 1)
