@@ -110,7 +110,8 @@ class Device:
         shape = (shape,) if isinstance(shape, int) else tuple(shape)
         buffer = self._allocate(name, shape, np.dtype(dtype))
         if buffer.nbytes:
-            cl.enqueue_fill_buffer(self.queue, buffer.mem, np.uint8(0), 0, buffer.nbytes)
+            # Copied, not filled: Oclgrind takes no fill for an initialisation.
+            cl.enqueue_copy(self.queue, buffer.mem, np.zeros(shape, buffer.dtype))
         return buffer
 
     def upload(self, name: str, array: npt.NDArray[Any]) -> Buffer:
