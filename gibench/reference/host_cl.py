@@ -35,11 +35,12 @@ class Shared:
 
 @dataclass(frozen=True)
 class HostProgram:
-    """The built kernels and their queue."""
+    """The built kernels, their queue, and work-items per group."""
 
     context: Any = field(repr=False)
     queue: Any = field(repr=False)
     kernels: dict[str, Any] = field(repr=False)
+    group: int = GROUP
 
     def share(self, array: npt.NDArray[Any]) -> Shared:
         """Show an array to the kernels; an empty one as a single element nobody reads."""
@@ -56,8 +57,8 @@ class HostProgram:
     def run(self, name: str, count: int, *arguments: Any) -> None:
         """Enqueue a kernel over ``count`` work-items, rounded up to whole groups."""
         values = [a.buffer if isinstance(a, Shared) else a for a in arguments]
-        size = -(-count // GROUP) * GROUP
-        self.kernels[name](self.queue, (size,), (GROUP,), *values)
+        size = -(-count // self.group) * self.group
+        self.kernels[name](self.queue, (size,), (self.group,), *values)
 
 
 @cache
@@ -71,7 +72,7 @@ def host_program(group: int = GROUP) -> HostProgram:
     program = cl.Program(context, kernel_source("reference/path.cl"))
     built = program.build(options=[f"-DGROUP={group}"])
     kernels = {kernel.function_name: kernel for kernel in built.all_kernels()}
-    return HostProgram(context, cl.CommandQueue(context), kernels)
+    return HostProgram(context, cl.CommandQueue(context), kernels, group)
 
 
 def _cpu() -> Any:

@@ -104,7 +104,9 @@ def environment_table(pixels: Floats) -> EnvironmentTable:
     total = power.sum()
     if total <= 0 or np.ptp(pixels.reshape(-1, 3), axis=0).max() == 0:
         one = np.ones((1, 1), np.float32)
-        return EnvironmentTable(False, not np.any(pixels), one, one[0], one, np.array((1.0, -1.0), np.float32))
+        return EnvironmentTable(
+            False, not np.any(pixels), one, one[0], one, np.array((1.0, -1.0), np.float32)
+        )
     by_row = power.sum(axis=1)
     in_row = np.cumsum(power, axis=1)
     columns = in_row / np.where(by_row > 0, by_row, 1.0)[:, None]
