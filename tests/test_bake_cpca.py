@@ -9,6 +9,7 @@ from gibench.bake.relight import relight_samples
 from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.srp_data import ProbeSet
 from gibench.bake.transport import TransportBaker
+from gibench.bake.visibility import visibility_tables
 from gibench.rays.embree import EmbreeTracer
 
 
@@ -97,7 +98,8 @@ def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings(
     probes = ProbeSet(grid.reshape(-1, 3).astype(np.float32), 1.6)
     settings = SrpBakeSettings(transport_rays=2048, cluster_size=256)
     tracer = EmbreeTracer(scene.corners)
-    worker = TransportBaker(scene, lightmap, probes, settings, tracer, None).worker()
+    tables = visibility_tables(scene, lightmap, probes, tracer, 1e-5)
+    worker = TransportBaker(scene, lightmap, probes, settings, tracer, tables).worker()
     relight = relight_samples(scene, lightmap, probes, tracer, 7, 1024)
     light = point_lights(scene, lightmap, relight, np.random.default_rng(3), 10)
     difference, total = np.zeros(10), np.zeros(10)

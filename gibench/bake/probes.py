@@ -10,6 +10,7 @@ the receivers; where they fail, candidates that mend most are swapped in for red
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -156,7 +157,9 @@ def thin(candidates: Doubles, wanted: int, spacing: float) -> npt.NDArray[np.int
     return np.flatnonzero(alive)
 
 
-def support_radius(positions: Floats, receivers: Floats, overlap: float) -> float:
+def support_radius(
+    positions: Floats, receivers: npt.NDArray[Any], overlap: float
+) -> float:
     """The radius at which receivers are reached by ``overlap`` probes on average, by bisection.
 
     With no more probes than that, the radius reaches every receiver from every probe.
@@ -184,7 +187,7 @@ def mean_overlap(probes: ProbeSet, receivers: Floats) -> float:
     return float(tree.count_neighbors(targets, probes.radius)) / max(1, len(receivers))
 
 
-def _farthest(probes: Doubles, receivers: Floats) -> float:
+def _farthest(probes: Doubles, receivers: npt.NDArray[Any]) -> float:
     points = receivers.astype(np.float64)
     return max(float(np.linalg.norm(points - probe, axis=1).max()) for probe in probes)
 
@@ -224,7 +227,7 @@ def _cover(
     seen = sees(chosen)
     hopeless = np.zeros(len(checked), np.bool_)
     for _ in range(_ROUNDS):
-        radius = support_radius(candidates[chosen].astype(np.float32), receivers.position, overlap)
+        radius = support_radius(candidates[chosen].astype(np.float32), points, overlap)
         reach = np.linalg.norm(candidates[chosen][:, None] - points[None], axis=2) < 0.95 * radius
         covers = seen & reach
         bare = ~covers.any(axis=0) & ~hopeless
