@@ -21,7 +21,7 @@ PROBES = np.array(
 
 
 def baker_of(scene, lightmap, probes, visibility="exact", seed=0, vector=None, **settings):
-    settings = SrpBakeSettings(visibility=visibility, **settings)
+    settings = SrpBakeSettings(**{"least_valid": 0.0, **settings}, visibility=visibility)
     tracer = EmbreeTracer(scene.corners, threads=1)
     tables = None
     if visibility == "cached":
@@ -235,6 +235,19 @@ def test_chunks_and_workers_do_not_change_a_bit():
     assert np.array_equal(rows[0].matrix, rows[2].matrix)
     other = baker_of(scene, lightmap, probes, transport_rays=60, seed=1).worker().rows(receivers)
     assert not np.array_equal(rows[0].matrix, other.matrix)
+
+
+def test_receivers_with_hardly_a_valid_sample_stay_dark():
+    scene, lightmap = room(4)
+    probes = ProbeSet(PROBES[:2], 2.6)
+    receivers = np.arange(len(lightmap.receivers), dtype=np.int32)
+    every = baker_of(scene, lightmap, probes, transport_rays=64).worker().rows(receivers)
+    cut = baker_of(scene, lightmap, probes, transport_rays=64, least_valid=0.5).worker()
+    few = every.valid < 32
+    assert 0 < few.sum() < len(receivers)
+    rows = cut.rows(receivers)
+    assert np.array_equal(rows.valid, np.where(few, 0, every.valid))
+    assert np.array_equal(rows.matrix, np.where(few[:, None], 0, every.matrix))
 
 
 def test_weight_function():

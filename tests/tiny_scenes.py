@@ -35,7 +35,7 @@ def quad_scene(quads: list[Quad], side: int, sky=(0.0, 0.0, 0.0), **more) -> tup
     normal = np.cross(u, v)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     base = 4 * np.arange(count)[:, None]
-    triangles = np.concatenate([base + (0, 1, 2), base + (0, 2, 3)], axis=1).reshape(-1, 3)
+    triangles = (base[:, :, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
     scene = Scene(
         name="quads",
         positions=positions.reshape(-1, 3).astype(np.float32),

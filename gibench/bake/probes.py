@@ -157,9 +157,7 @@ def thin(candidates: Doubles, wanted: int, spacing: float) -> npt.NDArray[np.int
     return np.flatnonzero(alive)
 
 
-def support_radius(
-    positions: Floats, receivers: npt.NDArray[Any], overlap: float
-) -> float:
+def support_radius(positions: Floats, receivers: npt.NDArray[Any], overlap: float) -> float:
     """The radius at which receivers are reached by ``overlap`` probes on average, by bisection.
 
     With no more probes than that, the radius reaches every receiver from every probe.

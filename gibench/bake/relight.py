@@ -56,4 +56,4 @@ def relight_samples(
 
 def _from_behind(hits: Hits, directions: Floats, normals: Floats) -> npt.NDArray[np.bool_]:
     facing = np.einsum("nx,nx->n", normals[hits.triangle], directions)
-    return (hits.triangle >= 0) & (facing >= 0)
+    return np.asarray((hits.triangle >= 0) & (facing >= 0))

@@ -25,8 +25,12 @@ class SrpBakeSettings:
             (paper: 0.005).
         svd_refine: relative Frobenius error above which a cluster is halved; 1 keeps the leaves
             of the AABB tree as they are (the thesis), less refines them as the paper does. With
-            0.02 random lightings of Sponza come out within about 1 % and size is some 1.4 times
-            the paper's.
+            0.02 the irradiance of eight of Sponza's leaves under ten random point lights had a
+            median error of 0.9 %, with 0.03 of 1.0 % at five sixths of the size.
+        least_valid: share of valid samples below which a receiver counts as having none and stays
+            dark. The mean over a handful of samples is noise, of full weight in the compression:
+            in Sponza the 3 % of receivers below 1 %, nearly all inside walls, held a fifth of all
+            transport's energy.
         visibility: ``cached`` decides most mutual visibility from tables of a few rays per probe
             and texel, and traces what they leave open; ``exact`` traces everything.
         workers: clusters in flight at once; None: one per core.
@@ -42,6 +46,7 @@ class SrpBakeSettings:
     svd_vectors: int = 32
     svd_threshold: float = 0.005
     svd_refine: float = 0.02
+    least_valid: float = 0.01
     visibility: Literal["cached", "exact"] = "cached"
     workers: int | None = None
     chunk_rays: int = 1 << 19
@@ -63,6 +68,8 @@ class SrpBakeSettings:
             raise BadInput(f"overlap is {self.overlap}", mend="use more than 0")
         if not 0 <= self.svd_threshold < 1:
             raise BadInput(f"svd_threshold is {self.svd_threshold}", mend="use 0 to below 1")
+        if not 0 <= self.least_valid < 1:
+            raise BadInput(f"least_valid is {self.least_valid}", mend="use 0 to below 1")
         if not self.svd_refine > 0:
             raise BadInput(f"svd_refine is {self.svd_refine}", mend="use more than 0, 1 for never")
         if self.visibility not in ("cached", "exact"):

@@ -41,7 +41,8 @@ class TransportRows(NamedTuple):
     Attributes:
         probes: (k,) int32 probes any of them uses, ascending.
         matrix: (m, k * c) float32: alpha_ij of the probes' blocks of c coefficients.
-        valid: (m,) int32 valid samples of each receiver; 0 where no probe can be used.
+        valid: (m,) int32 valid samples of each receiver; 0 where no probe can be used, or where so
+            few are valid that the receiver is left dark (``least_valid``).
     """
 
     probes: Ints
@@ -184,6 +185,9 @@ class TransportWorker:
                 transport, valid[chunk] = self._chunk(receivers[chunk], part)
                 column = np.searchsorted(used, part.probe)
                 matrix[part.receiver + chunk.start, column] = transport
+        few = valid < self.baker.settings.least_valid * self.baker.settings.transport_rays
+        matrix[few] = 0.0
+        valid[few] = 0
         return TransportRows(used.astype(np.int32), matrix.reshape(len(receivers), -1), valid)
 
     def primary_rays(self, receivers: Ints) -> PrimaryRays:

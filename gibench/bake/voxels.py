@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.ndimage import binary_dilation, label
 
 from gibench.bake.octahedral import octahedral_decode
-from gibench.bake.sampling import triangle_planes, triangle_weights
+from gibench.bake.sampling import triangle_planes
 from gibench.rays.tracer import RayTracer
 from gibench.scene.model import Floats, Scene
 
