@@ -12,9 +12,11 @@ from scipy.stats import qmc
 from gibench.device.source import kernel_source
 from gibench.rays.tracer import Hits
 from gibench.reference import host_cl, wavefront
+from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
-from gibench.reference.wavefront import ReceiverStart, Wavefront, _Queues
+from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront, _Queues
 from gibench.scene.model import (
+    Camera,
     DirectionalLight,
     Environment,
     Material,
@@ -308,6 +310,34 @@ def test_start_at_receivers_and_average(group):
     front.program.queue.finish()
     expected = values.reshape(OWNERS, SAMPLES, 3).astype(np.float64).mean(axis=1)
     assert q.mean.array[:OWNERS] == pytest.approx(expected, rel=1e-5)
+
+
+def test_start_at_camera(group):
+    rng = np.random.default_rng()
+    scene = test_scene(rng)
+    camera = Camera(tuple(rng.random(3)), tuple(rng.random(3) + 1), 47.0)
+    width, height = 9, 5
+    plane = image_plane(camera, width, height)
+    paths = width * height * SAMPLES
+    missed = Hits(np.full(paths, -1, np.int32), *(np.zeros(paths, np.float32) for _ in range(3)))
+    tracer = ChosenRays(missed)
+    start = CameraStart(plane, width, height, False, False)
+    mean = Wavefront(pack_scene(scene, 0), tracer, start, None).round(SAMPLES, SEED)
+    position, forward, right, up = plane
+    assert (forward @ right, forward @ up, right @ up) == pytest.approx((0, 0, 0), abs=1e-12)
+    assert np.linalg.norm(up) == pytest.approx(np.tan(np.radians(23.5)))
+    assert np.linalg.norm(right) == pytest.approx(np.tan(np.radians(23.5)) * width / height)
+    assert forward == pytest.approx(oracle.unit_vector(np.array(camera.target) - position))
+    origins, directions = tracer.rays
+    for path in range(paths):
+        owner, sample = divmod(path, SAMPLES)
+        x, y = oracle.sample_2d(sample, oracle.seed_of(owner, SEED, 0x7FFF0001))
+        across, down = (owner % width + x) / width, (owner // width + y) / height
+        wanted = oracle.unit_vector(forward + (2 * across - 1) * right + (1 - 2 * down) * up)
+        assert directions[path] == pytest.approx(wanted, abs=1e-6)
+    assert origins == pytest.approx(np.broadcast_to(position, origins.shape), abs=1e-7)
+    sky = scene.environment.radiance(directions).reshape(-1, SAMPLES, 3).mean(axis=1)
+    assert mean == pytest.approx(sky, rel=1e-4)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_scenes import DARK, box, plain_texture, quad, scene_of
+from reference_scenes import DARK, box, plain_texture, quad, scene_of, sphere
 from scipy import stats
 
 from gibench.errors import BadInput
@@ -157,6 +157,22 @@ def lamp_room():
 def test_emitters_textures_and_spots(tmp_path, bounces):
     camera = Camera((0.4, 0.5, -1.2), (0.5, 0.5, 0.5), 50.0)
     agree(tmp_path, lamp_room(), camera, bounces)
+
+
+def test_smooth_normals(tmp_path):
+    """A finely cut sphere: where a shading normal looks away but its triangle does not, Mitsuba is
+    black and we are not, so a coarse one would differ at its silhouette."""
+    middle = np.array((0.5, 0.42, 0.5))
+    ball = sphere(4) * 0.4 + middle
+    walls = box()[2:]
+    materials = [Material("wall", (0.8, 0.7, 0.6)), Material("ball", (0.7, 0.7, 0.9))]
+    lamp = PointLight((0.2, 0.9, 0.2), (1.0, 1.0, 1.0))
+    ids = [0] * len(walls) + [1] * len(ball)
+    scene = scene_of([*walls, *ball], ids, materials, lights=[lamp], environment=SKY)
+    normals, first = scene.normals.copy(), 3 * len(walls)
+    normals[first:] = (scene.positions[first:] - middle) / 0.4
+    camera = Camera((0.4, 0.5, -1.2), tuple(middle), 50.0)
+    agree(tmp_path, replace(scene, normals=normals), camera, None)
 
 
 def test_the_comparison_can_fail(tmp_path):

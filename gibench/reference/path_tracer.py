@@ -3,6 +3,8 @@
 **Indirect irradiance** is all irradiance that does not come straight from a delta light: bounced
 light, light of emissive surfaces and of the environment. Cosines are taken to the interpolated
 shading normal; nothing arrives from below the triangle itself, and backs of triangles are black.
+Which side is the back is the triangle's winding alone: a renderer that also asks the shading normal
+(Mitsuba does) is darker along the silhouettes of coarse smooth meshes.
 
 The estimate is unbiased and unclamped. It is a mean over independent rounds, each a separately
 scrambled low-discrepancy point set, so that the standard error can be read off their spread.

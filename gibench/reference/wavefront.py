@@ -21,7 +21,7 @@ from gibench.reference.packed import PackedFragments, PackedScene
 
 # Paths and shadow rays of one wave: enough that the short queues at a wave's end cost little,
 # few enough that the queues stay under some 300 MB.
-WAVE_PATHS = 1 << 19
+WAVE_PATHS = 1 << 20
 _WAVE_SHADOW_RAYS = 1 << 21
 # "Any number of bounces"; Russian roulette ends every path long before.
 UNLIMITED = 0x7FFFFFFF
@@ -105,6 +105,7 @@ class Wavefront:
         self.start = start
         self.last_vertex = UNLIMITED if bounces is None else bounces
         self.work = Work()
+        self._queues: _Queues | None = None
         share = self.program.share
         self._delta = len(scene.lights)
         self._emitters = len(scene.emitters.triangle)
@@ -155,7 +156,10 @@ class Wavefront:
         owners = self.start.owners
         mean = np.empty((owners, 3), np.float64)
         at_once = max(1, min(self.capacity // samples, owners))
-        queues = _Queues(self.program, at_once * samples, self._slots)
+        # Kept between rounds: fresh memory costs as much to touch as a kernel to run.
+        if self._queues is None or self._queues.paths < at_once * samples:
+            self._queues = _Queues(self.program, at_once * samples, self._slots)
+        queues = self._queues
         for first in range(0, owners, at_once):
             count = min(at_once, owners - first)
             self._wave(queues, first, count, samples, seed)
@@ -284,6 +288,7 @@ class _Queues:
     """All that a wave of paths needs."""
 
     def __init__(self, program: HostProgram, paths: int, slots: int) -> None:
+        self.paths = paths
         connections = max(1, paths * slots)
         self.vertices = (_Vertices(program, paths), _Vertices(program, paths))
         self.throughput = program.empty((paths, 3), np.float32)
