@@ -1,5 +1,6 @@
 // Cluster projection as fast as we can: blocks of rows, vectors of columns, fused channels.
-// Macros: STORAGE, VEC, VECTORS (vectors per probe and row), STRIDE (of lambda, in floats).
+// Macros: STORAGE, VEC, VECTORS (vectors per probe and row), STRIDE (of lambda, in floats), SHARE
+// (blocks of one work-group, whatever its size: enough groups for all cores to take turns).
 #include "common/vec.cl"
 #include "srp/storage.cl"
 
@@ -58,20 +59,21 @@ __kernel void cluster_projection(__global const int *blocks, int count,
                                  __global const float *scale, __global const float *lambda,
                                  __global float *basis)
 {
-    const int i = get_global_id(0);
-    if (i >= count)
-        return;
-    __global const int *block = blocks + BLOCK_INTS * i;
-    __global const stored_t *value = projection + (size_t)block[FIRST_VALUE] * VEC;
-    __global const int *probe = probes + block[FIRST_PROBE];
-    __global const float *factor = scale + block[FIRST_ROW];
-    __global float *out = basis + 3 * (size_t)block[FIRST_ROW];
-    if (block[ROWS] == 4)
-        project_4(value, probe, block[PROBES], lambda, factor, out);
-    else if (block[ROWS] == 3)
-        project_3(value, probe, block[PROBES], lambda, factor, out);
-    else if (block[ROWS] == 2)
-        project_2(value, probe, block[PROBES], lambda, factor, out);
-    else
-        project_1(value, probe, block[PROBES], lambda, factor, out);
+    const int first = (int)get_group_id(0) * SHARE;
+    const int last = first + SHARE < count ? first + SHARE : count;
+    for (int i = first + (int)get_local_id(0); i < last; i += (int)get_local_size(0)) {
+        __global const int *block = blocks + BLOCK_INTS * i;
+        __global const stored_t *value = projection + (size_t)block[FIRST_VALUE] * VEC;
+        __global const int *probe = probes + block[FIRST_PROBE];
+        __global const float *factor = scale + block[FIRST_ROW];
+        __global float *out = basis + 3 * (size_t)block[FIRST_ROW];
+        if (block[ROWS] == 4)
+            project_4(value, probe, block[PROBES], lambda, factor, out);
+        else if (block[ROWS] == 3)
+            project_3(value, probe, block[PROBES], lambda, factor, out);
+        else if (block[ROWS] == 2)
+            project_2(value, probe, block[PROBES], lambda, factor, out);
+        else
+            project_1(value, probe, block[PROBES], lambda, factor, out);
+    }
 }

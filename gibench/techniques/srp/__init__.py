@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from gibench.bake.srp_data import SrpBake, sh_count
+from dataclasses import replace
+
+from gibench.bake.srp_data import MAX_SH_ORDER, SrpBake, sh_count
 from gibench.scene.model import Scene
 from gibench.techniques.frame_scene import FrameLightmap, frame_scene_bytes
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
@@ -13,16 +15,16 @@ __all__ = ["SPEC", "Srp", "SrpSettings"]
 
 
 def _bake(context: BakeContext) -> SrpBake:
+    """Bake the highest order, whatever order is asked for: one bake then serves them all."""
+    from gibench.bake.lower_order import lower_order
     from gibench.bake.srp_bake import bake_srp
 
     settings: SrpSettings = context.settings
-    return bake_srp(
-        context.scene,
-        context.lightmap,
-        settings.bake_settings(),
-        context.cache_dir,
-        seed=context.seed,
-    )
+    highest = replace(settings.bake_settings(), sh_order=MAX_SH_ORDER)
+    bake = bake_srp(context.scene, context.lightmap, highest, context.cache_dir, seed=context.seed)
+    if settings.sh_order == MAX_SH_ORDER:
+        return bake
+    return lower_order(bake, settings.sh_order, settings.svd_vectors, settings.svd_threshold)
 
 
 def _memory_floor(
