@@ -1,7 +1,7 @@
 """SRP's two matrix products at the size of the paper's Sponza, against three yardsticks.
 
-Run with ``pytest tests/benchmarks/bench_srp.py --benchmark-enable -s``. In alternating rounds of one
-run: the tuned passes, the published ones, the same products by NumPy in float32 on two
+Run with ``pytest tests/benchmarks/bench_srp.py --benchmark-enable -s``. In alternating rounds of
+one run: the tuned passes, the published ones, the same products by NumPy in float32 on two
 threads, and a large streaming read. The data is random and has the paper's sizes (Silvennoinen
 and Lehtinen 2017, table 1 and section 5: 246 325 receivers, 150 probes, 935 clusters, 24.4 vectors
 per receiver, 20 probes per cluster, order 7); speed does not depend on its values.
