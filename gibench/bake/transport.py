@@ -327,18 +327,20 @@ class TransportWorker:
         undecided = np.flatnonzero(flat == UNDECIDED)
         if not len(undecided):
             return 0
-        pair, sample = undecided // stride, undecided % stride
-        receiver = pairs.receiver[pair]
-        shape = (len(pairs.start) - 1, 4, stride)
-        hits = self._fetch(self._scratch["hits"], shape, np.float32)
-        origins = baker.probes.positions.astype(np.float32)[pairs.probe[pair]]
-        target = np.stack([hits[receiver, axis, sample] for axis in range(3)], axis=1)
-        struck = triangle[receiver * stride + sample]
-        is_hit = struck >= 0
+        pair = undecided // stride
+        receiver = pairs.receiver[pair].astype(np.int64)
+        ray = undecided + (receiver - pair) * stride
+        shape = (len(pairs.start) - 1) * 4 * stride
+        hits = self._fetch(self._scratch["hits"], (shape,), np.float32)
+        place = ray + 3 * stride * receiver  # of x in [R][4][S]; y, z and h follow by strides
+        is_hit = hits.take(place + 3 * stride)
+        struck = triangle.take(ray)
+        origins = baker.probes.positions.astype(np.float32).take(pairs.probe.take(pair), axis=0)
         # Off the surface by the same distance as every ray's start, on the side of the probe.
-        target += self.baker.lift[np.where(is_hit, struck, -1)]
-        directions = np.where(is_hit[:, None], target - origins, target)
-        limit = np.where(is_hit, np.float32(1.0 - SHORT_OF_TARGET), np.float32(np.inf))
+        directions = baker.lift.take(np.maximum(struck, -1), axis=0, mode="wrap")
+        for axis in range(3):
+            directions[:, axis] += hits.take(place + axis * stride) - is_hit * origins[:, axis]
+        limit = np.where(is_hit > 0, np.float32(1.0 - SHORT_OF_TARGET), np.float32(np.inf))
         blocked = baker.tracer.occluded(origins, directions, limit)
         flat[undecided] = ~blocked
         return len(undecided)
