@@ -3,7 +3,8 @@
 // A direction's projection onto the tangent plane lies in the unit disk; Shirley and Chiu's 1997
 // concentric map takes the disk to the square and keeps areas, so that under cosine-distributed
 // rays all texels are equally likely.
-// moments: 32 floats per surfel: 16 mean distances, m, then 16 mean squared distances.
+// moments: 48 floats per surfel: 16 mean distances, m, 16 mean squared distances, and how many rays
+// each of the 16 texels has had.
 #ifndef GIBENCH_GIBS_DEPTH
 #define GIBENCH_GIBS_DEPTH
 
@@ -11,7 +12,7 @@
 
 #define HEMISPHERE_SIDE 4
 #define HEMISPHERE_TEXELS 16
-#define MOMENT_FLOATS 32
+#define MOMENT_FLOATS 48
 
 // Square [-1, 1]^2 to the disk.
 inline float2 disk_of_square(float2 s)

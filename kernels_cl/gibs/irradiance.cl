@@ -22,9 +22,9 @@
 
 // Chance that guiding leaves the choice of direction to the cosine, so that none is left out; ours.
 #define GUIDE_UNIFORM 0.25f
-// Weight of a new sample in the guide and in the depth moments; ours.
+// Weight of a new sample in the guide and, once they have had many, in the depth moments; ours.
 #define GUIDE_RATE 0.1f
-#define MOMENT_RATE 0.1f
+#define MOMENT_RATE 0.05f
 
 // request_rays: one work-item per surfel alive; what share of the frame's rays it asks for.
 __kernel void request_rays(__global const uint *frame, __global const uint *alive_ids,
@@ -112,17 +112,19 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
     const uint id = alive_ids[i];
     const uint3 random = random_words(births[id] ^ frame[FRAME_SEED], frame[FRAME_NUMBER],
                                       ray - ray_first[i]);
-    float2 u = (float2)(unit_float(random.x), unit_float(random.y));
+    float across = unit_float(random.x);
+    const float up = unit_float(random.y);
     float factor = 1.0f;
 #if GUIDING
     int texel;
-    factor = 1.0f / guide_texel(guides + (size_t)id * HEMISPHERE_TEXELS, &u.x, &texel);
-    // u.x chose the texel and its remainder serves within it.
+    factor = 1.0f / guide_texel(guides + (size_t)id * HEMISPHERE_TEXELS, &across, &texel);
+    // `across` chose the texel and what is left of it serves within it.
     const float2 square =
-        ((float2)(texel % HEMISPHERE_SIDE, texel / HEMISPHERE_SIDE) + u) * (2.0f / HEMISPHERE_SIDE) -
+        ((float2)(texel % HEMISPHERE_SIDE, texel / HEMISPHERE_SIDE) + (float2)(across, up)) *
+            (2.0f / HEMISPHERE_SIDE) -
         1.0f;
 #else
-    const float2 square = u * 2.0f - 1.0f;
+    const float2 square = (float2)(across, up) * 2.0f - 1.0f;
     const int texel = hemisphere_texel(square);
 #endif
     const float3 normal = surfel_load3(world_normal, id);
@@ -169,8 +171,12 @@ __kernel void update_surfels(__global const uint *frame, __global const uint *al
 #if DEPTH
         __global float *m = moments + (size_t)id * MOMENT_FLOATS + (int)choice.y;
         const float distance = fmin(light.w, 2.0f * radii[id]);
-        m[0] += MOMENT_RATE * (distance - m[0]);
-        m[HEMISPHERE_TEXELS] += MOMENT_RATE * (distance * distance - m[HEMISPHERE_TEXELS]);
+        // A plain mean at first, a moving one in the end.
+        const float rays = m[2 * HEMISPHERE_TEXELS] + 1.0f;
+        const float rate = fmax(1.0f / rays, MOMENT_RATE);
+        m[0] += rate * (distance - m[0]);
+        m[HEMISPHERE_TEXELS] += rate * (distance * distance - m[HEMISPHERE_TEXELS]);
+        m[2 * HEMISPHERE_TEXELS] = fmin(rays, 1.0f / MOMENT_RATE);
 #endif
 #if GUIDING
         __global float *g = guides + (size_t)id * HEMISPHERE_TEXELS + (int)choice.y;

@@ -101,6 +101,7 @@ __kernel void placement(__global const uint *frame, __global const uint *least, 
             for (int t = 0; t < HEMISPHERE_TEXELS; ++t) {
                 moments[(size_t)id * MOMENT_FLOATS + t] = reach;
                 moments[(size_t)id * MOMENT_FLOATS + HEMISPHERE_TEXELS + t] = reach * reach;
+                moments[(size_t)id * MOMENT_FLOATS + 2 * HEMISPHERE_TEXELS + t] = 0.0f;
             }
             nearest[id] = reach;
 #endif

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gibench.device import Buffer, Device
 from gibench.scene.model import Floats
-from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_levels, wave_of
+from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_of
 from gibench.techniques.technique import Launch
 
 PACKED_ROWS = 11  # kernels_cl/gibs/frame.cl
@@ -46,7 +46,9 @@ class UniformGrid:
         side = float(np.max(high - low)) / cells
         shape = np.maximum(np.ceil((high - low) / side - 1e-6).astype(int), 1) + 2
         x, y, z = (low + high) / 2 - shape * side / 2
-        return UniformGrid((float(x), float(y), float(z)), side, tuple(int(n) for n in shape))
+        return UniformGrid(
+            (float(x), float(y), float(z)), side, (int(shape[0]), int(shape[1]), int(shape[2]))
+        )
 
     @property
     def cells(self) -> int:
@@ -256,9 +258,7 @@ class SurfelGrid:
             cells = self.grid.cells
             return self._scan.launches(self.counts, self._length, self.starts, cells)
         program = self.device.program("gibs/sort.cl", self.defines)
-        begin = Launch(
-            program, "begin_lists", (self.starts, self.counts), items=self.grid.cells
-        )
+        begin = Launch(program, "begin_lists", (self.starts, self.counts), items=self.grid.cells)
         return [*self._scan.launches(self.counts, self.starts), begin]
 
     def finalise(self, alive: Callable[[], int]) -> list[Launch]:
@@ -300,6 +300,12 @@ class SurfelGrid:
         args = (self.starts, self.ids, self.surfels.mean, self.surfels.nearest, self.packed)
         return [Launch(program, "pack_irradiance", args, items=self.grid.cells)]
 
+    def dropped(self) -> int:
+        """Entries that found no room in the lists; none ever as published."""
+        if self.published:
+            return 0
+        return max(int(self.device.read(self.starts)[-1]) - self.entries, 0)
+
     def read_lists(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
         """Bounds (cells + 1,) of every cell's list and the IDs, read back."""
         starts = self.device.read(self.starts)
@@ -308,9 +314,4 @@ class SurfelGrid:
             starts[-1] = ends[-1]
             if not np.array_equal(starts[1:], ends):
                 raise AssertionError("the lists' ends are not their successors' starts")
-        return starts, self.device.read(self.ids)[: starts[-1]]
-
-
-def wave_steps(device: Device, cells: int, workgroup_size: int) -> int:
-    """Levels of the published scan's recursion."""
-    return len(wave_levels(cells, wave_of(device, workgroup_size)))
+        return starts, self.device.read(self.ids)[: min(int(starts[-1]), self.entries)]

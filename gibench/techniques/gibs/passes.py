@@ -52,19 +52,18 @@ class CameraView:
             CannotRun: it does not fit the device's profile.
         """
         pixels = width * height
+
+        def image(name: str, channels: int) -> Buffer:
+            return device.empty(f"gbuffer_{name}", (pixels, channels), np.float32)
+
         return CameraView(
-            *(
-                device.empty(f"gbuffer_{name}", (pixels, channels), np.float32)
-                for name, channels in (
-                    ("position", 4),
-                    ("normal", 4),
-                    ("albedo", 4),
-                    ("direct", 3),
-                    ("indirect", 4),
-                )
-            ),
-            device.empty("tile_least", tiles_of(width, height), np.uint32),
-            device.upload("triangle_objects", compact_objects(scene)),
+            position=image("position", 4),
+            normal=image("normal", 4),
+            albedo=image("albedo", 4),
+            direct=image("direct", 3),
+            indirect=image("indirect", 4),
+            least=device.empty("tile_least", tiles_of(width, height), np.uint32),
+            object_of=device.upload("triangle_objects", compact_objects(scene)),
         )
 
     @staticmethod

@@ -14,8 +14,8 @@ REST: Final = "rest"
 FLIGHT: Final = "flight"
 
 
-def _setting(default: Any, help: str, unit: str = "") -> Any:
-    return field(default=default, metadata={"help": help, "unit": unit})
+def _setting(default: Any, meaning: str, unit: str = "") -> Any:
+    return field(default=default, metadata={"help": meaning, "unit": unit})
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class GibsSettings:
         0.03, "a surfel's radius on screen; smaller is finer and dearer", "image heights"
     )
     smallest_radius: float = _setting(
-        0.0005, "least radius of a surfel near the camera", "scene diagonals"
+        0.002, "least radius of a surfel near the camera", "scene diagonals"
     )
     grid: str = _setting(UNIFORM, "uniform (thesis) or perspective (Brinck et al.)")
     grid_cells: int = _setting(
-        32, "cells along the longest side, or across the view; more make shorter lists", "cells"
+        24, "cells along the longest side, or across the view; more make shorter lists", "cells"
     )
     entries_per_surfel: int = _setting(
-        16, "room in the grid's lists per surfel (tuned; published takes 27)", "cells"
+        20, "room in the grid's lists per surfel (tuned; published takes 27)", "cells"
     )
     normal_stretch: float = _setting(
         4.0, "how much further a step off the surfel's plane counts; more leaks less"
@@ -95,12 +95,10 @@ class GibsSettings:
             "grid", self.grid in (UNIFORM, PERSPECTIVE), f"'{UNIFORM}' or '{PERSPECTIVE}'"
         )
         if self.grid == PERSPECTIVE:
-            # A surfel then reaches no further than the neighbouring cells (kernels_cl/gibs/grid.cl).
+            # 64 across are 2 million cells.
             self._require("grid_cells", self.grid_cells <= 64, "at most 64 in a perspective grid")
 
     def _require(self, name: str, holds: bool, what: str) -> None:
         value = getattr(self, name)
         if not holds or (isinstance(value, float) and not math.isfinite(value)):
             raise BadInput(f"{name} = {value} must be {what}", where=f"setting gibs.{name}")
-
-

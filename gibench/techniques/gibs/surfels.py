@@ -16,7 +16,7 @@ FRAME_WORDS = 10  # kernels_cl/gibs/frame.cl
 COUNT_WORDS = 5
 COUNT_ALIVE, COUNT_FREE, COUNT_PLACED, COUNT_RECYCLED = range(4)
 ESTIMATOR_ROWS = 11  # kernels_cl/gibs/estimator.cl
-MOMENT_FLOATS = 32  # kernels_cl/gibs/depth.cl
+MOMENT_FLOATS = 48  # kernels_cl/gibs/depth.cl
 GUIDE_FLOATS = 16
 
 
@@ -41,7 +41,7 @@ class Surfels:
         inverses: (objects, 12) float32 world to object.
         births: (n,) uint32 a number for each surfel's random choices.
         seen: (n,) uint32 the frame each was last seen in.
-        moments: (n, 32) float32 depth moments; one surfel's when they are off.
+        moments: (n, 48) float32 depth moments; one surfel's when they are off.
         guides: (n, 16) float32 ray guides; one surfel's when they are off.
         free_ids: (n,) uint32 the stack of free IDs.
         counters: (5,) uint32 (kernels_cl/gibs/frame.cl).

@@ -104,7 +104,7 @@ class Gibs:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of device memory it takes, in closed form; receivers are uploaded when asked for."""
+        """Bytes of device memory it takes, in closed form; receivers come when asked for."""
         bvh = frame_scene_bytes(
             self.scene.scene, self.scene.width, self.scene.height, self.scene.bvh
         )
@@ -148,15 +148,18 @@ class Gibs:
         camera = camera_in(
             frame, self._camera, self._path, settings.rest_frames, settings.flight_frames
         )
-        self.device.write(
-            self.scene.camera_args[0],
-            camera_table(camera, self.scene.width, self.scene.height),
-        )
+        view = self.scene.camera_args[0]
+        assert isinstance(view, Buffer)
+        self.device.write(view, camera_table(camera, self.scene.width, self.scene.height))
         self.device.write(self.grid.table, self.grid.grid.table(camera.position))
         self._alive = int(self.device.read(self.surfels.counters)[COUNT_ALIVE])
         self._rays = rays_in_frame(settings, self._alive)
         self._number += 1
         self.device.write(self.surfels.geometry.frame, self._frame_words(camera))
+
+    def look_from(self, camera: Camera) -> None:
+        """See the scene from ``camera`` from the next frame on, wherever there is no flight."""
+        self._camera = camera
 
     def move_object(self, number: int, transform: npt.NDArray[np.floating]) -> None:
         """Put an object's surfels elsewhere: they move with it from the next frame on.
@@ -185,7 +188,7 @@ class Gibs:
 
     def images(self) -> dict[str, FloatArray]:
         """The last frame, its direct and its indirect part, (h, w, 3) W/m2/sr, and the surfels'
-        coverage of every pixel, as grey: white is covered threefold.
+        coverage of every pixel, as grey: white is covered thrice.
         """
         shape = (self.scene.height, self.scene.width, -1)
         frame = self.device.read(self.scene.image)
@@ -225,13 +228,16 @@ class Gibs:
         return self.device.read(self._receivers[2])
 
     def life(self) -> dict[str, int]:
-        """Surfels alive, free IDs, and how many the last frame placed and recycled."""
+        """Surfels alive, free IDs, and how many the last frame placed and recycled; entries
+        that found no room in the grid's lists.
+        """
         counters = self.device.read(self.surfels.counters)
         return {
             "alive": int(counters[COUNT_ALIVE]),
             "free": int(counters[COUNT_FREE]),
             "placed": int(counters[COUNT_PLACED]),
             "recycled": int(counters[COUNT_RECYCLED]),
+            "dropped": self.grid.dropped(),
         }
 
     def counts(self) -> dict[str, int]:
@@ -286,6 +292,8 @@ def own_bytes(context: CreateContext) -> int:
     triangles = len(context.scene.triangles)
     return (
         Surfels.bytes_of(settings, objects, size)
-        + SurfelGrid.bytes_of(context.device, grid, published, entries_of(settings, published), size)
+        + SurfelGrid.bytes_of(
+            context.device, grid, published, entries_of(settings, published), size
+        )
         + CameraView.bytes_of(triangles, context.width, context.height)
     )

@@ -37,12 +37,12 @@ class FrameSizes:
 
 
 def frame_work(sizes: FrameSizes) -> dict[str, Work]:
-    """Work by pass. What depends on the scene (list lengths, shadow rays) is left out: it is a lower
-    bound. Of a pixel's lookup one surfel is counted, without which it would not be covered.
+    """Work by pass. What depends on the scene (list lengths, shadow rays) is left out: these
+    are lower bounds. Of a pixel's lookup one surfel is counted: it is covered.
     """
     n, rays, pixels, cells = sizes.alive, sizes.rays, sizes.pixels, sizes.cells
     entries = n * (NEIGHBOURS if sizes.neighbours else 1)
-    record = 4 * (32 if sizes.depth else 0) + 4 * (16 if sizes.guiding else 0)
+    record = 4 * (48 if sizes.depth else 0) + 4 * (16 if sizes.guiding else 0)
     return {
         "transform_and_count": Work(
             flops=n * _TRANSFORM_FLOPS,
