@@ -14,6 +14,15 @@ inline float2 octahedral_encode(float3 d)
                     (1.0f - fabs(p.x)) * (p.y >= 0.0f ? 1.0f : -1.0f));
 }
 
+// The unit direction of a point of the square [-1, 1]^2.
+inline float3 octahedral_decode(float2 p)
+{
+    const float z = 1.0f - fabs(p.x) - fabs(p.y);
+    const float fold = fmax(-z, 0.0f);
+    return normalize((float3)(p.x + (p.x >= 0.0f ? -fold : fold),
+                              p.y + (p.y >= 0.0f ? -fold : fold), z));
+}
+
 // The cell of a direction in a grid x grid map: row * grid + column.
 inline int octahedral_cell(float3 d, int grid)
 {

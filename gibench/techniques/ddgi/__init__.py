@@ -1,0 +1,38 @@
+"""Dynamic Diffuse Global Illumination (Majercik et al. 2019, 2021; paper 004, section 3.2)."""
+
+from __future__ import annotations
+
+from gibench.scene.model import Scene
+from gibench.techniques.ddgi.blending import Published
+from gibench.techniques.ddgi.probes import Probes
+from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.ddgi.technique import Ddgi
+from gibench.techniques.ddgi.volume import Volume, make_volume
+from gibench.techniques.frame_scene import frame_scene_bytes
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+
+__all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]
+
+
+def _bake(context: BakeContext) -> Volume:
+    return make_volume(context.scene, context.settings)
+
+
+def _memory_floor(
+    scene: Scene, receivers: int, settings: DdgiSettings, width: int, height: int
+) -> int:
+    """Scene, maps and the smaller variant's rays."""
+    probes = make_volume(scene, settings).probes
+    own = Probes.bytes_of(settings, probes) + Published.bytes_of(settings, probes)
+    return frame_scene_bytes(scene, width, height) + own
+
+
+SPEC = TechniqueSpec(
+    name="ddgi",
+    title="Probe volumes (DDGI)",
+    variants=(PUBLISHED, TUNED),
+    settings_type=DdgiSettings,
+    bake=_bake,
+    create=Ddgi,
+    memory_floor=_memory_floor,
+)

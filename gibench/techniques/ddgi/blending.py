@@ -1,0 +1,174 @@
+"""The two variants of blending, and how each keeps the rays' results."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from gibench.device import Buffer
+from gibench.device.device import Define
+from gibench.errors import CannotRun
+from gibench.techniques.ddgi.probes import Probes
+from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.technique import Argument, Launch, LocalMemory
+
+RAY_PLANES = 6  # kernels_cl/ddgi/rays.cl
+LIST_STEP = 4  # kernels_cl/ddgi/tuned_blend.cl
+# Rays whose cosine to the exponent is less are left out of the distance lists: even 1000 of them
+# change a mean by less than 1e-6 of the weight of one ray in a texel's middle.
+LEAST_WEIGHT = 1e-9
+
+
+class Blending(Protocol):
+    """A variant of blending.
+
+    Attributes:
+        lanes: probes whose rays lie side by side.
+        rays: what probe_shade writes and blending reads.
+    """
+
+    lanes: int
+    rays: Buffer
+
+    def irradiance(self) -> Sequence[Launch]:
+        """The launches of blend_irradiance."""
+        ...
+
+    def distance(self) -> Sequence[Launch]:
+        """The launches of blend_distance."""
+        ...
+
+
+class Published:
+    """A group per probe, its rays staged in local memory (RTXGI-DDGI 1.3.7).
+
+    Args:
+        probes: what is blended into.
+    """
+
+    lanes = 1
+
+    def __init__(self, probes: Probes) -> None:
+        self.probes = probes
+        shape = (probes.volume.probes, probes.settings.blended, 4)
+        self.rays = probes.device.upload("rays", np.zeros(shape, np.float32))
+
+    @staticmethod
+    def bytes_of(settings: DdgiSettings, probes: int) -> int:
+        """Bytes of device memory it takes."""
+        return 16 * probes * settings.blended
+
+    def irradiance(self) -> Sequence[Launch]:
+        """One launch, a group per probe."""
+        p = self.probes
+        return self._launch("blend_irradiance", 7, (p.irradiance, p.variability, p.accepted))
+
+    def distance(self) -> Sequence[Launch]:
+        """One launch, a group per probe."""
+        return self._launch("blend_distance", 4, (self.probes.distance,))
+
+    def _launch(self, kernel: str, floats: int, outputs: tuple[Buffer, ...]) -> Sequence[Launch]:
+        p, profile = self.probes, self.probes.device.profile
+        chunk = min(p.settings.blended, profile.local_memory_bytes // (4 * floats))
+        if chunk == 0:
+            raise CannotRun(f"profile {profile.name} has too little local memory")
+        defines: dict[str, Define] = {**p.defines(self.lanes), "CHUNK": chunk}
+        program = p.device.program("ddgi/published_blend.cl", defines)
+        staged = LocalMemory(4 * floats * chunk)
+        args: tuple[Argument, ...] = (
+            *p.volume_args,
+            *(p.directions, self.rays, p.frame_key),
+            *outputs,
+            staged,
+        )
+        return [Launch(program, kernel, args, groups=p.volume.probes)]
+
+
+class Tuned:
+    """Sparse matrix products over vectors of probes; a frame's weights are computed once.
+
+    Args:
+        probes: what is blended into.
+    """
+
+    def __init__(self, probes: Probes) -> None:
+        self.probes = probes
+        device, s = probes.device, probes.settings
+        self._width = device.vector_width
+        self.lanes = lanes_of(device.vector_width, device.profile.simd_width)
+        count, blocks = probes.volume.probes, -(-probes.volume.probes // self.lanes)
+        shape = (blocks, s.blended, RAY_PLANES, self.lanes)
+        self.rays = device.upload("rays", np.zeros(shape, np.float32))
+        self._backs = device.upload("backface_counts", np.zeros(count, np.float32))
+        length = list_length(s.blended)
+        self._lists = {
+            name: (
+                device.upload(f"{name}_lengths", np.zeros(side**2, np.int32)),
+                device.upload(f"{name}_rays", np.zeros((side**2, length), np.int32)),
+                device.upload(f"{name}_weights", np.zeros((side**2, length), np.float32)),
+            )
+            for name, side in (("irradiance", s.irradiance_texels), ("distance", s.distance_texels))
+        }
+
+    @staticmethod
+    def bytes_of(settings: DdgiSettings, probes: int, lanes: int) -> int:
+        """Bytes of device memory it takes."""
+        blocks = -(-probes // lanes)
+        texels = settings.irradiance_texels**2 + settings.distance_texels**2
+        lists = texels * (4 + 8 * list_length(settings.blended))
+        return 4 * blocks * settings.blended * RAY_PLANES * lanes + 4 * probes + lists
+
+    def irradiance(self) -> Sequence[Launch]:
+        """The frame's weights, the rays on backs, then the product."""
+        p, side = self.probes, self.probes.settings.irradiance_texels
+        program = p.device.program("ddgi/tuned_blend.cl", self._defines())
+        args: tuple[Argument, ...] = (
+            *(*p.volume_args, *self._lists["irradiance"], self.rays, self._backs, p.frame_key),
+            *(p.irradiance, p.variability, p.accepted),
+        )
+        backs = (self.rays, self._backs)
+        return [
+            self._weights("irradiance", side, False, 0.0),
+            Launch(program, "backface_counts", backs, items=p.volume.probes),
+            Launch(program, "blend_irradiance", args, items=self._items(side)),
+        ]
+
+    def distance(self) -> Sequence[Launch]:
+        """The frame's weights, then the product."""
+        p, s = self.probes, self.probes.settings
+        program = p.device.program("ddgi/tuned_blend.cl", self._defines())
+        args: tuple[Argument, ...] = (
+            *(*p.volume_args, *self._lists["distance"], self.rays, p.frame_key, p.distance),
+        )
+        least = LEAST_WEIGHT ** (1 / s.distance_exponent)
+        return [
+            self._weights("distance", s.distance_texels, True, least),
+            Launch(program, "blend_distance", args, items=self._items(s.distance_texels)),
+        ]
+
+    def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
+        p = self.probes
+        program = p.device.program("ddgi/tuned_blend.cl", self._defines())
+        args = (
+            *(p.directions, np.int32(side), np.int32(sharp), np.float32(least)),
+            *self._lists[name],
+        )
+        return Launch(program, "blend_weights", args, items=side**2)
+
+    def _items(self, side: int) -> int:
+        return -(-self.probes.volume.probes // self.lanes) * (self.lanes // self._width) * side**2
+
+    def _defines(self) -> dict[str, Define]:
+        return {**self.probes.defines(self.lanes), "VEC": self._width}
+
+
+def lanes_of(vector_width: int, simd_width: int) -> int:
+    """Probes whose rays lie side by side: whole vectors, and what a GPU's SIMD group reads."""
+    return max(16, vector_width, simd_width)
+
+
+def list_length(blended: int) -> int:
+    """Room for a texel's list of rays."""
+    return -(-blended // LIST_STEP) * LIST_STEP

@@ -1,0 +1,225 @@
+"""DDGI's passes (paper 004, section 3.2; Majercik et al. 2019; RTXGI-DDGI 1.3.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gibench.device import Buffer
+from gibench.techniques.ddgi.blending import Blending
+from gibench.techniques.ddgi.probes import STORED, Probes
+from gibench.techniques.frame_scene import FrameScene
+from gibench.techniques.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, TILE_SIDE
+from gibench.techniques.technique import Argument, Launch, LocalMemory, Pass, Work
+
+SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
+
+
+class DdgiPasses:
+    """The launches of a frame.
+
+    Works count every probe as active, which all are in frame 0; how many are later depends on the
+    scene.
+
+    Args:
+        scene: the scene on the device.
+        probes: the volume on it.
+        blending: the variant.
+        workgroup_size: work-items per group.
+    """
+
+    def __init__(
+        self, scene: FrameScene, probes: Probes, blending: Blending, workgroup_size: int
+    ) -> None:
+        self.scene, self.probes, self.blending = scene, probes, blending
+        self.workgroup_size = workgroup_size
+        groups = self.groups_of(probes, workgroup_size)
+        self._sums = probes.device.upload("variability_sums", np.zeros(groups, np.float32))
+        self._counts = probes.device.upload("variability_counts", np.zeros(groups, np.uint32))
+
+    @staticmethod
+    def groups_of(probes: Probes, workgroup_size: int) -> int:
+        """Groups that the variability is summed in."""
+        texels = probes.volume.probes * probes.settings.irradiance_texels**2
+        return -(-texels // (SUM_ITEMS * workgroup_size))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of device memory it takes itself."""
+        return 8 * self.groups_of(self.probes, self.workgroup_size)
+
+    def passes(self) -> list[Pass]:
+        """The passes of a frame, in order."""
+        p, s = self.probes.volume.probes, self.probes.settings
+        texels, far = s.irradiance_texels**2, s.distance_texels**2
+        width = STORED[s.storage].itemsize
+        shaded = p * s.blended
+        border = 4 * (s.irradiance_texels + 1) * 4 + 4 * (s.distance_texels + 1) * 2
+        pixels = self.scene.width * self.scene.height
+        return [
+            Pass(
+                "probe_trace",
+                self._trace,
+                Work(
+                    bytes_read=16 * p + 12 * s.rays,
+                    bytes_written=4 * p * s.fixed + 16 * shaded,
+                    rays=p * s.rays,
+                ),
+            ),
+            Pass(
+                "probe_shade", self._shade, Work(bytes_read=16 * shaded, bytes_written=16 * shaded)
+            ),
+            Pass(
+                "blend_irradiance",
+                self.blending.irradiance,
+                # Half of the rays have a positive cosine with a texel.
+                Work(
+                    flops=shaded / 2 * texels * 4 * 2,
+                    bytes_read=16 * shaded + p * texels * 3 * width,
+                    bytes_written=p * texels * (3 * width + 4),
+                ),
+            ),
+            Pass(
+                "blend_distance",
+                self.blending.distance,
+                Work(
+                    flops=shaded / 2 * far * 2 * 2,
+                    bytes_read=4 * shaded + p * far * 2 * width,
+                    bytes_written=p * far * 2 * width,
+                ),
+            ),
+            Pass(
+                "border_copy",
+                self._borders,
+                Work(bytes_read=p * border * width, bytes_written=p * border * width),
+            ),
+            *self._moving(),
+            Pass(
+                "variability",
+                self._variability,
+                Work(flops=p * texels, bytes_read=4 * p * texels, bytes_written=4),
+            ),
+            Pass(
+                "application",
+                lambda: [self.application()],
+                Work(bytes_written=12 * pixels, rays=pixels),
+            ),
+        ]
+
+    def _moving(self) -> list[Pass]:
+        p, s = self.probes.volume.probes, self.probes.settings
+        work = Work(bytes_read=p * (4 * s.fixed + 16), bytes_written=p * 16)
+        found = [Pass("classification", self._classification, work)]
+        return [Pass("relocation", self._relocation, work), *found] if s.relocation else found
+
+    def application(self, show: int = SHOW_DIRECT | SHOW_INDIRECT) -> Launch:
+        """The launch that renders the camera image with the probes' light."""
+        program = self.probes.device.program("ddgi/application.cl", self._defines())
+        args: tuple[Argument, ...] = (
+            *self._shading_args,
+            *self.scene.camera_args,
+            *self.probes.volume_args,
+            *self.probes.map_args,
+            np.int32(show),
+            self.scene.image,
+        )
+        return Launch(program, "application", args, items=self._tiled_pixels)
+
+    def receivers(self, position: Buffer, normal: Buffer, irradiance: Buffer) -> Launch:
+        """The launch that gathers irradiance at points (n, 3) with normals (n, 3)."""
+        program = self.probes.device.program("ddgi/application.cl", self._defines())
+        count = position.shape[0]
+        args: tuple[Argument, ...] = (
+            *self.probes.volume_args,
+            *self.probes.map_args,
+            *(position, normal, np.int32(count), irradiance),
+        )
+        return Launch(program, "receiver_irradiance", args, items=count)
+
+    def probe_view(self, radius: float) -> Launch:
+        """The launch that draws the probes over the image as spheres of ``radius``, m."""
+        program = self.probes.device.program("ddgi/application.cl", self._defines())
+        args: tuple[Argument, ...] = (
+            *self.scene.bvh_args,
+            *self.scene.camera_args,
+            *self.probes.volume_args,
+            *(self.probes.irradiance, np.float32(radius), self.scene.image),
+        )
+        return Launch(program, "probe_view", args, items=self._tiled_pixels)
+
+    @property
+    def _tiled_pixels(self) -> int:
+        tiles = -(-self.scene.width // TILE_SIDE) * -(-self.scene.height // TILE_SIDE)
+        return tiles * TILE_SIDE**2
+
+    @property
+    def _shading_args(self) -> tuple[Argument, ...]:
+        s = self.scene
+        return *s.bvh_args, *s.surface_args, *s.light_args, *s.environment_args
+
+    def _defines(self) -> dict[str, int | float | str | bool]:
+        return self.probes.defines(self.blending.lanes)
+
+    def _trace(self) -> Sequence[Launch]:
+        p = self.probes
+        program = p.device.program("ddgi/trace.cl", self._defines())
+        positions, _, _, triangles, *_ = self.scene.surface_args
+        args: tuple[Argument, ...] = (
+            *(*self.scene.bvh_args, positions, triangles, *p.volume_args),
+            *(p.directions, p.fixed_distance, p.hits),
+        )
+        return [Launch(program, "probe_trace", args, items=p.volume.probes * p.settings.rays)]
+
+    def _shade(self) -> Sequence[Launch]:
+        p = self.probes
+        program = p.device.program("ddgi/trace.cl", self._defines())
+        args: tuple[Argument, ...] = (
+            *(*self._shading_args, *p.volume_args, *p.map_args),
+            *(p.directions, p.hits, self.blending.rays),
+        )
+        return [Launch(program, "probe_shade", args, items=p.volume.probes * p.settings.blended)]
+
+    def _borders(self) -> Sequence[Launch]:
+        p = self.probes
+        program = p.device.program("ddgi/probes.cl", self._defines())
+        launches = []
+        for maps, side in (
+            (p.irradiance, p.settings.irradiance_texels),
+            (p.distance, p.settings.distance_texels),
+        ):
+            words = maps.shape[-1] * maps.dtype.itemsize // 4
+            count = p.volume.probes
+            args = (maps, np.int32(count), np.int32(side), np.int32(words))
+            launches.append(Launch(program, "border_copy", args, items=count * 4 * (side + 1)))
+        return launches
+
+    def _relocation(self) -> Sequence[Launch]:
+        p = self.probes
+        program = p.device.program("ddgi/probes.cl", self._defines())
+        args = (
+            *(*p.volume_args, p.directions, p.fixed_distance),
+            np.float32(p.min_frontface),
+        )
+        return [Launch(program, "relocation", args, items=p.volume.probes)]
+
+    def _classification(self) -> Sequence[Launch]:
+        p = self.probes
+        program = p.device.program("ddgi/probes.cl", self._defines())
+        args = (
+            *(*p.volume_args, p.directions, p.fixed_distance, p.accepted),
+            np.int32(p.settings.classification),
+        )
+        return [Launch(program, "classification", args, items=p.volume.probes)]
+
+    def _variability(self) -> Sequence[Launch]:
+        p, size = self.probes, self.workgroup_size
+        program = p.device.program("ddgi/probes.cl", self._defines())
+        local = (LocalMemory(4 * size), LocalMemory(4 * size))
+        sums = (p.data, p.variability, self._sums, self._counts, *local)
+        groups = self._sums.shape[0]
+        mean = (self._sums, self._counts, np.int32(groups), p.average, *local)
+        return [
+            Launch(program, "variability_sums", sums, groups=groups, workgroup_size=size),
+            Launch(program, "variability_mean", mean, groups=1, workgroup_size=size),
+        ]

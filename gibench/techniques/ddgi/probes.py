@@ -1,0 +1,188 @@
+"""The probes' data on the device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gibench.device import Buffer, Device
+from gibench.device.device import Define
+from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.ddgi.volume import Volume, ray_directions
+from gibench.techniques.technique import Argument
+
+# Bits of a probe's state, kernels_cl/ddgi/volume.cl.
+ACTIVE = 1
+BLENDED = 2
+USABLE = ACTIVE | BLENDED
+
+STORED: dict[str, np.dtype[Any]] = {"fp32": np.dtype("f4"), "fp16": np.dtype("f2")}
+
+
+@dataclass
+class Probes:
+    """The volume's buffers, shared by all passes.
+
+    Attributes:
+        device: where they lie.
+        settings: as given.
+        volume: where the probes are now.
+        seed: of the rays' rotations.
+        table: (9,) float32, the volume as the kernels read it.
+        data: (p, 4) float32 offset in m and state of every probe.
+        irradiance: (p, side + 2, side + 2, 4) maps.
+        distance: (p, side + 2, side + 2, 2) maps.
+        directions: (rays, 3) float32 of this frame.
+        frame_key: (1,) uint32, this frame's random number.
+        fixed_distance: (p, fixed) float32, m; one column where none are cast.
+        hits: (p, blended, 4) float32.
+        accepted: (p,) int32, whether a probe's irradiance was updated.
+        variability: (p, texels) float32 coefficients of variation.
+        average: (1,) float32, their mean over the usable probes.
+    """
+
+    device: Device
+    settings: DdgiSettings
+    volume: Volume
+    seed: int
+    table: Buffer
+    data: Buffer
+    irradiance: Buffer
+    distance: Buffer
+    directions: Buffer
+    frame_key: Buffer
+    fixed_distance: Buffer
+    hits: Buffer
+    accepted: Buffer
+    variability: Buffer
+    average: Buffer
+
+    @staticmethod
+    def create(device: Device, settings: DdgiSettings, volume: Volume, seed: int) -> Probes:
+        """Allocate the buffers; every probe is active and holds nothing.
+
+        Raises:
+            CannotRun: they do not fit the device's profile.
+        """
+        p, s = volume.probes, settings
+        stored = STORED[s.storage]
+
+        def zeros(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Buffer:
+            # Uploaded, not filled: Oclgrind takes no fill for an initialisation.
+            return device.upload(name, np.zeros(shape, dtype))
+
+        across, far = s.irradiance_texels + 2, s.distance_texels + 2
+        f32, i32 = np.dtype(np.float32), np.dtype(np.int32)
+        return Probes(
+            device,
+            settings,
+            volume,
+            seed,
+            table=device.upload("volume", volume.table()),
+            data=device.upload("probe_data", new_probes(p)),
+            irradiance=zeros("irradiance_maps", (p, across, across, 4), stored),
+            distance=zeros("distance_maps", (p, far, far, 2), stored),
+            directions=device.upload("ray_directions", ray_directions(s, seed, 0)),
+            frame_key=zeros("frame_key", (1,), np.dtype(np.uint32)),
+            fixed_distance=zeros("fixed_distance", (p, max(s.fixed, 1)), f32),
+            hits=zeros("probe_hits", (p, s.blended, 4), f32),
+            accepted=zeros("accepted", (p,), i32),
+            variability=zeros("variability", (p, s.irradiance_texels**2), f32),
+            average=zeros("average_variability", (1,), f32),
+        )
+
+    @staticmethod
+    def bytes_of(settings: DdgiSettings, probes: int) -> int:
+        """Bytes that the buffers of so many probes take."""
+        s, width = settings, STORED[settings.storage].itemsize
+        maps = 4 * (s.irradiance_texels + 2) ** 2 + 2 * (s.distance_texels + 2) ** 2
+        floats = 4 + max(s.fixed, 1) + 4 * s.blended + 1 + s.irradiance_texels**2
+        return probes * (width * maps + 4 * floats) + 12 * s.rays + 36 + 4 + 4
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes they take on the device, in closed form."""
+        return self.bytes_of(self.settings, self.volume.probes)
+
+    @property
+    def volume_args(self) -> tuple[Argument, ...]:
+        """VOLUME_PARAMS of kernels_cl/ddgi/volume.cl."""
+        return self.table, self.data
+
+    @property
+    def map_args(self) -> tuple[Argument, ...]:
+        """MAP_PARAMS of kernels_cl/ddgi/volume.cl."""
+        return self.irradiance, self.distance
+
+    @property
+    def min_frontface(self) -> float:
+        """Distance that relocation keeps from surfaces, m."""
+        return self.settings.min_frontface_distance * min(self.volume.spacing)
+
+    def defines(self, lanes: int) -> dict[str, Define]:
+        """The macros of the kernels in kernels_cl/ddgi.
+
+        Args:
+            lanes: probes whose rays lie side by side (kernels_cl/ddgi/rays.cl).
+        """
+        s = self.settings
+        x, y, z = self.volume.counts
+        whole = s.gamma == int(s.gamma) and s.gamma <= 16
+        return {
+            "PROBES": self.volume.probes,
+            "COUNT_X": x,
+            "COUNT_Y": y,
+            "COUNT_Z": z,
+            "RAYS": s.rays,
+            "FIXED": s.fixed,
+            "BLENDED": s.blended,
+            "LANES": lanes,
+            "IRRADIANCE_SIDE": s.irradiance_texels,
+            "DISTANCE_SIDE": s.distance_texels,
+            "HALF_STORAGE": s.storage == "fp16",
+            "GAMMA": float(s.gamma),
+            "DECODE": s.gamma / 2,
+            "DECODE_HALVES": int(s.gamma) if whole else 0,
+            "HYSTERESIS": float(s.hysteresis),
+            "IRRADIANCE_THRESHOLD": float(s.irradiance_threshold),
+            "BRIGHTNESS_THRESHOLD": float(s.brightness_threshold),
+            "DISTANCE_EXPONENT": float(s.distance_exponent),
+            "WHOLE_EXPONENT": int(s.distance_exponent) if s.distance_exponent % 1 == 0 else 0,
+            # No rays on backs are never too many.
+            "MAX_BACKFACES": max(1.0, float(int(s.random_backface_threshold * s.blended))),
+            "FIXED_BACKFACE_THRESHOLD": float(s.fixed_backface_threshold),
+            "NORMAL_BIAS": float(s.normal_bias),
+            "VIEW_BIAS": float(s.view_bias),
+            "VISIBILITY_FLOOR": float(s.visibility_floor),
+            "CRUSH_THRESHOLD": float(s.crush_threshold),
+        }
+
+    def begin_frame(self, frame: int) -> None:
+        """Turn the rays."""
+        self.device.write(self.directions, ray_directions(self.settings, self.seed, frame))
+        key = np.random.default_rng((self.seed, frame, 1)).integers(0, 2**32, 1, np.uint32)
+        self.device.write(self.frame_key, key)
+
+    def scroll_to(self, centre: tuple[float, float, float]) -> None:
+        """Move the volume by whole spacings towards ``centre``; probes that enter start anew."""
+        moved = self.volume.scrolled(centre)
+        steps = np.array(moved.scroll) - self.volume.scroll
+        if not steps.any():
+            return
+        self.volume = moved
+        counts = np.array(moved.counts)
+        c = moved.coordinates
+        entered = ((steps > 0) & (c >= counts - steps)) | ((steps < 0) & (c < -steps))
+        data = self.device.read(self.data)
+        data[entered.any(axis=1)] = new_probes(1)
+        self.device.write(self.data, data)
+        self.device.write(self.table, moved.table())
+
+
+def new_probes(count: int) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
+    """Data (count, 4) of active probes on the grid that hold nothing yet."""
+    data = np.zeros((count, 4), np.float32)
+    data[:, 3] = ACTIVE
+    return data

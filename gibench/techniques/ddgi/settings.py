@@ -1,0 +1,200 @@
+"""What a user may set of DDGI, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field, fields
+from typing import Any, Final
+
+from gibench.errors import BadInput
+
+STORAGES: Final = ("fp32", "fp16")
+AUTO: Final = "auto"
+
+Counts = tuple[int, int, int]
+Triple = tuple[float, float, float]
+
+
+def _setting(default: Any, meaning: str, unit: str = "") -> Any:
+    return field(default=default, metadata={"help": meaning, "unit": unit})
+
+
+@dataclass(frozen=True)
+class DdgiSettings:
+    """Every tunable of DDGI; defaults are those of the public SDK (RTXGI-DDGI 1.3.7).
+
+    Raises:
+        BadInput: a value makes no sense.
+    """
+
+    # -- the volume ----------------------------------------------------------------------------
+    probes: int | None = _setting(
+        None,
+        "most probes in the volume, 8 for each that SRP places if unset; finer light for time and "
+        "memory (paper 004: 2000)",
+        "probes",
+    )
+    counts: str = _setting(
+        AUTO, "probes along x, y and z, for instance 20x10x10; auto: as 'probes' allows", "probes"
+    )
+    origin: str = _setting(AUTO, "first probe's place x,y,z; auto: the volume fits the scene", "m")
+    spacing: str = _setting(AUTO, "probe distances x,y,z; auto: the volume fits the scene", "m")
+    scrolling: bool = _setting(
+        False, "the volume stays centred on the camera, moved by whole spacings"
+    )
+    # -- rays ----------------------------------------------------------------------------------
+    rays: int = _setting(
+        256, "rays per probe and frame, fixed rays included; less noise for slower tracing", "rays"
+    )
+    fixed_rays: int = _setting(
+        32,
+        "of them not rotated and not blended, for relocation and classification; none are cast "
+        "where both are off",
+        "rays",
+    )
+    # -- maps ----------------------------------------------------------------------------------
+    irradiance_texels: int = _setting(
+        6, "side of a probe's irradiance map without its border", "texels"
+    )
+    distance_texels: int = _setting(
+        14, "side of a probe's distance map without its border", "texels"
+    )
+    storage: str = _setting(
+        "fp16", "fp16 or fp32 maps; 16 bits take half the memory and are rounded at random"
+    )
+    # -- blending ------------------------------------------------------------------------------
+    hysteresis: float = _setting(
+        0.97, "share of a texel that stays from frame to frame; calmer for slower reaction"
+    )
+    gamma: float = _setting(5.0, "irradiance is stored to the power 1/gamma")
+    irradiance_threshold: float = _setting(
+        0.25, "fall of a stored value from which hysteresis drops by 0.75"
+    )
+    brightness_threshold: float = _setting(
+        0.10, "rise of a stored luminance from which a change counts a quarter"
+    )
+    distance_exponent: float = _setting(
+        50.0, "sharpness of the distance maps: rays weigh by this power of the cosine"
+    )
+    random_backface_threshold: float = _setting(
+        0.1, "share of rotated rays on backs from which a probe's irradiance is not updated"
+    )
+    # -- relocation and classification ---------------------------------------------------------
+    relocation: bool = _setting(True, "move probes out of and away from surfaces")
+    classification: bool = _setting(True, "switch off probes inside and far from surfaces")
+    fixed_backface_threshold: float = _setting(
+        0.25, "share of fixed rays on backs from which a probe counts as inside a surface"
+    )
+    min_frontface_distance: float = _setting(
+        0.25,
+        "distance that relocation keeps from surfaces; the SDK's 1 unit is a whole room here",
+        "least spacings",
+    )
+    # -- application ---------------------------------------------------------------------------
+    normal_bias: float = _setting(
+        0.1, "gathering is done this far off the surface; leaks less, detaches corners", "m"
+    )
+    view_bias: float = _setting(0.1, "and this far towards the viewer", "m")
+    visibility_floor: float = _setting(0.05, "least weight of a probe the Chebyshev test rejects")
+    crush_threshold: float = _setting(0.2, "weights below are squared twice more (w^3 / t^2)")
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise BadInput(f"{item.name} is {value}", mend="give a finite number")
+        if self.probes is not None and self.probes < 1:
+            raise BadInput(f"a volume of {self.probes} probes", mend="use --probes 1 or more")
+        if self.storage not in STORAGES:
+            raise BadInput(f"storage is '{self.storage}'", mend=f"use {' or '.join(STORAGES)}")
+        if self.rays < 1:
+            raise BadInput(f"{self.rays} rays per probe", mend="give 1 or more")
+        if self.probes_move and not 1 <= self.fixed_rays < self.rays:
+            raise BadInput(
+                f"{self.fixed_rays} of {self.rays} rays are fixed",
+                mend="keep at least one fixed and one rotated ray, or switch relocation and "
+                "classification off",
+            )
+        for name in ("irradiance_texels", "distance_texels"):
+            if not 2 <= getattr(self, name) <= 64:
+                raise BadInput(f"{name} is {getattr(self, name)}", mend="give 2 to 64")
+        if not 0 <= self.hysteresis < 1:
+            raise BadInput(
+                f"hysteresis is {self.hysteresis}", mend="give 0 or more and less than 1"
+            )
+        for name, least in (("gamma", 1.0), ("distance_exponent", 1.0)):
+            if getattr(self, name) < least:
+                raise BadInput(f"{name} is {getattr(self, name)}", mend=f"give {least:g} or more")
+        for name in _NOT_NEGATIVE:
+            if getattr(self, name) < 0:
+                raise BadInput(f"{name} is {getattr(self, name)}", mend="give 0 or more")
+        for name in _SHARES:
+            if not 0 <= getattr(self, name) <= 1:
+                raise BadInput(f"{name} is {getattr(self, name)}", mend="give 0 to 1")
+        if self.placed and self.given_counts is None:
+            raise BadInput("origin or spacing without counts", mend="give counts=20x10x10, say")
+        if self.placed and (self.given_origin is None or self.given_spacing is None):
+            raise BadInput("origin and spacing go together", mend="give both or neither")
+        if self.given_spacing is not None and min(self.given_spacing) <= 0:
+            raise BadInput(f"spacing is {self.spacing}", mend="give three positive lengths")
+
+    @property
+    def probes_move(self) -> bool:
+        """Whether anything asks for fixed rays: relocation or classification."""
+        return self.relocation or self.classification
+
+    @property
+    def fixed(self) -> int:
+        """Fixed rays that are cast per probe."""
+        return self.fixed_rays if self.probes_move else 0
+
+    @property
+    def blended(self) -> int:
+        """Rotated rays per probe, those that are blended."""
+        return self.rays - self.fixed
+
+    @property
+    def placed(self) -> bool:
+        """Whether the volume's place is given."""
+        return self.origin != AUTO or self.spacing != AUTO
+
+    @property
+    def given_counts(self) -> Counts | None:
+        """Probes along x, y and z, or None for automatic."""
+        if self.counts == AUTO:
+            return None
+        match = re.fullmatch(r"(\d+)x(\d+)x(\d+)", self.counts.strip().lower())
+        if match is None or 0 in (found := tuple(int(n) for n in match.groups())):
+            raise BadInput(
+                f"counts is '{self.counts}'", mend="give three whole numbers of 1 or more: 20x10x10"
+            )
+        return found[0], found[1], found[2]
+
+    @property
+    def given_origin(self) -> Triple | None:
+        """The first probe's place, m, or None for automatic."""
+        return _triple("origin", self.origin)
+
+    @property
+    def given_spacing(self) -> Triple | None:
+        """Distances between probes, m, or None for automatic."""
+        return _triple("spacing", self.spacing)
+
+
+_NOT_NEGATIVE = ("irradiance_threshold", "brightness_threshold", "normal_bias", "view_bias",
+                 "min_frontface_distance")  # fmt: skip
+_SHARES = ("random_backface_threshold", "fixed_backface_threshold", "visibility_floor",
+           "crush_threshold")  # fmt: skip
+
+
+def _triple(name: str, text: str) -> Triple | None:
+    if text == AUTO:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(f"{name} is '{text}'", mend="give three lengths: 1.5,1,1.5") from None
+    if not all(math.isfinite(v) for v in (x, y, z)):
+        raise BadInput(f"{name} is '{text}'", mend="give three finite lengths")
+    return x, y, z

@@ -1,0 +1,140 @@
+"""Dynamic Diffuse Global Illumination, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from gibench.device import Buffer
+from gibench.scene.model import Camera
+from gibench.techniques.ddgi.blending import Blending, Published, Tuned, lanes_of
+from gibench.techniques.ddgi.passes import DdgiPasses
+from gibench.techniques.ddgi.probes import Probes
+from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.ddgi.volume import Volume
+from gibench.techniques.frame_scene import FrameScene, camera_table
+from gibench.techniques.launching import prepare_launch
+from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, rendered
+from gibench.techniques.technique import FloatArray, Launch, Pass
+
+# A drawn probe's radius over the least spacing: with the greatest offset (0.45) it still fits its
+# cell.
+_RADIUS_SHARE = 0.05
+
+
+class Ddgi:
+    """DDGI on a device.
+
+    Args:
+        context: what it is created from; ``baked`` is the volume.
+
+    Raises:
+        CannotRun: it does not fit the device's profile.
+    """
+
+    name: ClassVar[str] = "ddgi"
+
+    def __init__(self, context: CreateContext) -> None:
+        settings: DdgiSettings = context.settings
+        volume: Volume = context.baked
+        device = context.device
+        self.device = device
+        self._context, self._settings = context, settings
+        self._camera = context.camera
+        self.scene = FrameScene(
+            device, context.scene, context.width, context.height, context.camera
+        )
+        self.probes = Probes.create(device, settings, volume, context.seed)
+        tuned = context.variant == TUNED
+        self.blending: Blending = Tuned(self.probes) if tuned else Published(self.probes)
+        self._passes = DdgiPasses(self.scene, self.probes, self.blending, context.workgroup_size)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of device memory it takes, in closed form."""
+        probes, settings = self.probes.volume.probes, self._settings
+        if self._context.variant == TUNED:
+            lanes = lanes_of(self.device.vector_width, self.device.profile.simd_width)
+            own = Tuned.bytes_of(settings, probes, lanes)
+        else:
+            own = Published.bytes_of(settings, probes)
+        return self.scene.nbytes + self.probes.nbytes + own + self._passes.nbytes
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order."""
+        return self._passes.passes()
+
+    def begin_frame(self, frame: int) -> None:
+        """Move the lights, turn the rays, scroll the volume if it does."""
+        self.scene.begin_frame(frame)
+        self.probes.begin_frame(frame)
+        if self._settings.scrolling:
+            self.probes.scroll_to(self._camera.position)
+
+    def move_camera(self, camera: Camera) -> None:
+        """Look through ``camera`` from the next frame on; a scrolling volume follows."""
+        self._camera = camera
+        view = self.scene.camera_args[0]
+        assert isinstance(view, Buffer)
+        self.device.write(view, camera_table(camera, self.scene.width, self.scene.height))
+
+    def images(self) -> dict[str, FloatArray]:
+        """The frame, its direct and its indirect part, and the probes, (h, w, 3) W/m2/sr."""
+        launches = {
+            "frame": self._passes.application(SHOW_DIRECT | SHOW_INDIRECT),
+            "indirect only": self._passes.application(SHOW_INDIRECT),
+        }
+        images = {title: self._drawn(launch) for title, launch in launches.items()}
+        size = self._context.workgroup_size
+        images["direct only"] = rendered(self.scene, size, SHOW_DIRECT)
+        self.device.write(self.scene.image, images["frame"])
+        radius = _RADIUS_SHARE * min(self.probes.volume.spacing)
+        images["probes"] = self._drawn(self._passes.probe_view(radius))
+        return images
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Indirect irradiance (n, 3) at the receivers, W/m2, in the lightmap's order.
+
+        What the probes give there, seen along the normal. The receivers are on the device only
+        meanwhile: no frame needs them.
+
+        Raises:
+            CannotRun: they do not fit beside the technique.
+        """
+        receivers, device = self._context.lightmap.receivers, self.device
+        held = []
+        try:
+            for name, array in (
+                ("gathered_position", receivers.position),
+                ("gathered_normal", receivers.normal),
+                ("gathered_irradiance", np.zeros((len(receivers), 3), np.float32)),
+            ):
+                held.append(device.upload(name, array))
+            self._run(self._passes.receivers(*held))
+            return device.read(held[2])
+        finally:
+            device.release(*held)
+
+    def average_variability(self) -> float:
+        """Mean coefficient of variation over the usable probes' texels in the last frame."""
+        return float(self.device.read(self.probes.average)[0])
+
+    def counts(self) -> dict[str, int]:
+        """Probes, rays of all probes when all are active, and receivers it is compared on."""
+        probes = self.probes.volume.probes
+        return {
+            "probes": probes,
+            "rays": probes * self._settings.rays,
+            "receivers": len(self._context.lightmap.receivers),
+        }
+
+    def _run(self, launch: Launch) -> None:
+        size = self._context.workgroup_size
+        prepare_launch(self.device, launch, size).enqueue(self.device.queue)
+
+    def _drawn(self, launch: Launch) -> FloatArray:
+        self._run(launch)
+        return self.device.read(self.scene.image)

@@ -1,0 +1,99 @@
+// A texel's moving average: what both variants of blending end with.
+//
+// Macros besides those of ddgi/volume.cl: HYSTERESIS, GAMMA, IRRADIANCE_THRESHOLD,
+// BRIGHTNESS_THRESHOLD, MAX_BACKFACES (rays on backs from which irradiance is not updated).
+#ifndef GIBENCH_DDGI_TEXEL
+#define GIBENCH_DDGI_TEXEL
+
+#include "ddgi/volume.cl"
+
+// Random bits of a number (Wellons 2018, "Prospecting for Hash Functions", lowbias32).
+inline uint random_bits(uint x)
+{
+    x = (x ^ (x >> 16)) * 0x7feb352du;
+    x = (x ^ (x >> 15)) * 0x846ca68bu;
+    return x ^ (x >> 16);
+}
+
+#if HALF_STORAGE
+// Values >= 0 rounded to what fp16 holds, up or down at random so that the mean stays: a moving
+// average moves by less than fp16's step and would stand still if it were rounded to the nearest.
+inline float4 rounded4(float4 v, uint key)
+{
+    const uint a = random_bits(key), b = random_bits(a);
+    const uint4 bits = as_uint4(v) + ((uint4)(a, a >> 16, b, b >> 16) & 0x1fffu);
+    return as_float4(bits & ~0x1fffu);
+}
+#else
+#define rounded4(v, key) (v)
+#endif
+
+inline float luminance(float3 c)
+{
+    return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z;
+}
+
+// The new value of an irradiance texel and its coefficient of variation.
+//   sum       of the rays' radiance times max(0, cosine), and of those weights
+//   previous  the texel's value; without meaning in a fresh probe
+// RTXGI-DDGI 1.3.7, ProbeBlendingCS: a fall by more than IRRADIANCE_THRESHOLD takes 0.75 off the
+// hysteresis, a rise in luminance by more than BRIGHTNESS_THRESHOLD counts a quarter.
+inline float3 blend_irradiance_texel(float4 sum, float3 previous, bool fresh, float *variation)
+{
+    const float3 mean = sum.xyz / (2.0f * fmax(sum.w, 1e-9f * BLENDED));
+    const float4 power = powr((float4)(mean, 0.0f), (float4)(1.0f / GAMMA));
+    const float3 sample = power.xyz;
+    *variation = 0.0f;
+    if (fresh)
+        return sample;
+    float hysteresis = dot(previous, previous) == 0.0f ? 0.0f : HYSTERESIS;
+    const float3 fall = previous - sample;
+    if (fmax(fall.x, fmax(fall.y, fall.z)) > IRRADIANCE_THRESHOLD)
+        hysteresis = fmax(0.0f, hysteresis - 0.75f);
+    float3 change = sample - previous;
+    if (luminance(change) > BRIGHTNESS_THRESHOLD)
+        change *= 0.25f;
+    const float3 result = previous + (1.0f - hysteresis) * change;
+    const float3 variance = (sample - previous) * (sample - result);
+    const float bright = luminance(result);
+    if (bright > 1e-6f)
+        *variation = luminance(sqrt(fmax(variance, 0.0f))) / bright;
+    return result;
+}
+
+inline float2 blend_distance_texel(float2 sum, float weights, float2 previous, bool fresh)
+{
+    const float2 mean = sum / fmax(weights, 1e-9f * BLENDED);
+    return fresh ? mean : mix(mean, previous, HYSTERESIS);
+}
+
+// Writes an irradiance texel and its variation, unless too many rays met backs.
+inline void update_irradiance(int probe, int texel, float4 sum, float backs, bool fresh, uint key,
+                              __global map_t *irradiance_maps, __global float *variability,
+                              __global int *accepted)
+{
+    const bool inside = backs >= MAX_BACKFACES;
+    if (texel == 0)
+        accepted[probe] = !inside;
+    if (inside)
+        return;
+    const size_t at = map_texel(probe, texel, IRRADIANCE_SIDE);
+    float variation;
+    const float3 result = blend_irradiance_texel(sum, map_load4(at, irradiance_maps).xyz, fresh,
+                                                 &variation);
+    const float4 stored = rounded4((float4)(result, 0.0f), key + (uint)at);
+    map_store4(stored, at, irradiance_maps);
+    variability[probe * IRRADIANCE_TEXELS + texel] = variation;
+}
+
+inline void update_distance(int probe, int texel, float2 sum, float weights, bool fresh, uint key,
+                            __global map_t *distance_maps)
+{
+    const size_t at = map_texel(probe, texel, DISTANCE_SIDE);
+    const float2 result =
+        blend_distance_texel(sum, weights, map_load2(at, distance_maps), fresh);
+    const float4 stored = rounded4((float4)(result, 0.0f, 0.0f), ~key + (uint)at);
+    map_store2(stored.xy, at, distance_maps);
+}
+
+#endif
