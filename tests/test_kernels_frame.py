@@ -30,8 +30,9 @@ def run(device, launches, workgroup_size):
         prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
 
 
+@pytest.mark.parametrize("packets", [False, True])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_forward_render(seed):
+def test_forward_render(seed, packets):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng)
     lightmap = random_lightmap(rng, scene, 200, 23, 17)
@@ -51,7 +52,7 @@ def test_forward_render(seed):
     }
     images = []
     for size, (show, image) in zip((7, 64, 100), wanted.items(), strict=True):
-        run(device, [forward_launch(shared, receivers, indirect, show)], size)
+        run(device, [forward_launch(shared, receivers, indirect, show, packets)], size)
         found = device.read(shared.image)
         np.testing.assert_allclose(
             found[expected.certain], image[expected.certain], rtol=2e-4, atol=2e-5
@@ -60,7 +61,7 @@ def test_forward_render(seed):
     assert images[0].max() > 0.5
     assert images[1].max() > 0.05
     # Built without a lightmap it shows the direct light, whatever it is asked for.
-    run(device, [forward_launch(shared)], 1)
+    run(device, [forward_launch(shared, packets=packets)], 1)
     np.testing.assert_array_equal(device.read(shared.image), images[0])
 
 

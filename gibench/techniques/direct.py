@@ -10,8 +10,8 @@ import numpy as np
 
 from gibench.scene.model import Scene
 from gibench.techniques.frame_scene import FrameScene, frame_scene_bytes
-from gibench.techniques.registry import TUNED, BakeContext, CreateContext, TechniqueSpec
-from gibench.techniques.shared_passes import SHOW_DIRECT, forward_render, rendered
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, CreateContext, TechniqueSpec
+from gibench.techniques.shared_passes import SHOW_DIRECT, forward_render, rendered, suits_packets
 from gibench.techniques.technique import FloatArray, Pass
 
 
@@ -36,6 +36,7 @@ class Direct:
         self.device = context.device
         self._receivers = len(context.lightmap.receivers)
         self._workgroup_size = context.workgroup_size
+        self._packets = context.variant == TUNED and suits_packets(context.device)
         self.scene = FrameScene(
             context.device, context.scene, context.width, context.height, context.camera
         )
@@ -47,7 +48,7 @@ class Direct:
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""
-        return [forward_render(self.scene)]
+        return [forward_render(self.scene, packets=self._packets)]
 
     def begin_frame(self, frame: int) -> None:
         """Move the lights."""
@@ -55,7 +56,9 @@ class Direct:
 
     def images(self) -> dict[str, FloatArray]:
         """The frame, (h, w, 3) W/m2/sr."""
-        return {"frame": rendered(self.scene, self._workgroup_size, SHOW_DIRECT)}
+        return {
+            "frame": rendered(self.scene, self._workgroup_size, SHOW_DIRECT, packets=self._packets)
+        }
 
     def indirect_irradiance(self) -> FloatArray:
         """Zeros (n, 3): it computes none."""
@@ -79,7 +82,7 @@ def _memory_floor(
 SPEC = TechniqueSpec(
     name="direct",
     title="Direct light only",
-    variants=(TUNED,),
+    variants=(PUBLISHED, TUNED),
     settings_type=DirectSettings,
     bake=_no_bake,
     create=Direct,

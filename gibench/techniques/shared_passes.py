@@ -6,15 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gibench.device import Buffer
+from gibench.device import Buffer, Device
 from gibench.scene.model import DirectionalLight
 from gibench.techniques.frame_scene import FrameLightmap, FrameScene, border_texels
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Work
 
-SHOW_DIRECT = 1  # kernels_cl/common/forward_render.cl
+SHOW_DIRECT = 1  # kernels_cl/common/show.cl
 SHOW_INDIRECT = 2
 TILE_SIDE = 8  # kernels_cl/common/sampling.cl
+PACKET = 16  # pixels of a work-item of kernels_cl/common/forward_packet.cl
+# Floats per vector from which on packets of rays pay: below, 16 lanes are 16 / width instructions.
+WIDE_VECTOR = 8
 
 
 def lightmap_update(
@@ -102,6 +105,7 @@ def forward_launch(
     receivers: FrameLightmap | None = None,
     indirect: Buffer | None = None,
     show: int = SHOW_DIRECT | SHOW_INDIRECT,
+    packets: bool = False,
 ) -> Launch:
     """The launch that renders the camera image.
 
@@ -110,10 +114,10 @@ def forward_launch(
         receivers: needed with ``indirect``.
         indirect: dilated map of indirect irradiance; None for direct light only.
         show: sum of SHOW_DIRECT and SHOW_INDIRECT.
+        packets: trace 16 rays together (see :func:`suits_packets`).
     """
-    program = scene.device.program(
-        "common/forward_render.cl", {"INDIRECT": int(indirect is not None)}
-    )
+    source = "common/forward_packet.cl" if packets else "common/forward_render.cl"
+    program = scene.device.program(source, {"INDIRECT": int(indirect is not None)})
     lookup: tuple[Argument, ...] = ()
     if indirect is not None and receivers is not None:
         size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
@@ -129,11 +133,20 @@ def forward_launch(
         scene.image,
     )
     tiles = -(-scene.width // TILE_SIDE) * -(-scene.height // TILE_SIDE)
-    return Launch(program, "forward_render", args, items=tiles * TILE_SIDE**2)
+    pixels = tiles * TILE_SIDE**2
+    return Launch(program, "forward_render", args, items=pixels // PACKET if packets else pixels)
+
+
+def suits_packets(device: Device) -> bool:
+    """Whether tuned passes trace packets of rays on ``device``: where its vectors are wide."""
+    return device.vector_width >= WIDE_VECTOR
 
 
 def forward_render(
-    scene: FrameScene, receivers: FrameLightmap | None = None, indirect: Buffer | None = None
+    scene: FrameScene,
+    receivers: FrameLightmap | None = None,
+    indirect: Buffer | None = None,
+    packets: bool = False,
 ) -> Pass:
     """The pass that renders the camera image (see :func:`forward_launch`).
 
@@ -143,7 +156,7 @@ def forward_render(
     pixels = scene.width * scene.height
 
     def launches() -> Sequence[Launch]:
-        return [forward_launch(scene, receivers, indirect)]
+        return [forward_launch(scene, receivers, indirect, packets=packets)]
 
     return Pass("forward_render", launches, Work(bytes_written=12 * pixels, rays=pixels))
 
@@ -154,8 +167,9 @@ def rendered(
     show: int,
     receivers: FrameLightmap | None = None,
     indirect: Buffer | None = None,
+    packets: bool = False,
 ) -> FloatArray:
     """Render the camera image once more with the device's present state, (h, w, 3) W/m2/sr."""
-    launch = forward_launch(scene, receivers, indirect, show)
+    launch = forward_launch(scene, receivers, indirect, show, packets)
     prepare_launch(scene.device, launch, workgroup_size).enqueue(scene.device.queue)
     return scene.device.read(scene.image)

@@ -41,6 +41,24 @@ typedef struct {
     float sx, sy, sz;
 } BvhRay;
 
+// PoCL compiles vloadn, min and max to calls around which every vector register is spilled;
+// aligned vector pointers and ?: compile to single instructions. (bvh_nodes and bvh_triangles are
+// aligned to 32 bytes, and so are their rows' 8-float parts.)
+inline float8 bvh_load8(__global const float *p)
+{
+    return *(__global const float8 *)p;
+}
+
+inline float8 bvh_min8(float8 a, float8 b)
+{
+    return a < b ? a : b;
+}
+
+inline float8 bvh_max8(float8 a, float8 b)
+{
+    return a > b ? a : b;
+}
+
 // Sign bits of 8 lanes as bits 0 to 7.
 inline uint bvh_mask(int8 lanes)
 {
@@ -99,14 +117,14 @@ inline uint bvh_boxes(__global const float *node, const BvhRay *r, float t_max, 
 {
     const float8 ox = r->origin.x, oy = r->origin.y, oz = r->origin.z;
     const float8 ix = r->inverse.x, iy = r->inverse.y, iz = r->inverse.z;
-    const float8 nx = (vload8(0, node + r->near_x) - ox) * ix;
-    const float8 ny = (vload8(0, node + r->near_y) - oy) * iy;
-    const float8 nz = (vload8(0, node + r->near_z) - oz) * iz;
-    const float8 fx = (vload8(0, node + (r->near_x ^ 8)) - ox) * ix;
-    const float8 fy = (vload8(0, node + (r->near_y ^ 8)) - oy) * iy;
-    const float8 fz = (vload8(0, node + (r->near_z ^ 8)) - oz) * iz;
-    const float8 enter = max(max(nx, ny), max(nz, (float8)(0.0f)));
-    const float8 leave = min(min(fx, fy), min(fz, (float8)(t_max))) * 1.0000004f;
+    const float8 nx = (bvh_load8(node + r->near_x) - ox) * ix;
+    const float8 ny = (bvh_load8(node + r->near_y) - oy) * iy;
+    const float8 nz = (bvh_load8(node + r->near_z) - oz) * iz;
+    const float8 fx = (bvh_load8(node + (r->near_x ^ 8)) - ox) * ix;
+    const float8 fy = (bvh_load8(node + (r->near_y ^ 8)) - oy) * iy;
+    const float8 fz = (bvh_load8(node + (r->near_z ^ 8)) - oz) * iz;
+    const float8 enter = bvh_max8(bvh_max8(nx, ny), bvh_max8(nz, (float8)(0.0f)));
+    const float8 leave = bvh_min8(bvh_min8(fx, fy), bvh_min8(fz, (float8)(t_max))) * 1.0000004f;
     *entry = enter;
     return bvh_mask(enter <= leave);
 }
@@ -128,20 +146,21 @@ inline uint bvh_block(__global const float *block, const BvhRay *r, float t_max,
 {
     const float8 ox = r->ox, oy = r->oy, oz = r->oz;
     const float8 sx = r->sx, sy = r->sy;
-    const float8 az = vload8(0, block + r->kz) - oz;
-    const float8 bz = vload8(0, block + 24 + r->kz) - oz;
-    const float8 cz = vload8(0, block + 48 + r->kz) - oz;
-    const float8 ax = (vload8(0, block + r->kx) - ox) - sx * az;
-    const float8 bx = (vload8(0, block + 24 + r->kx) - ox) - sx * bz;
-    const float8 cx = (vload8(0, block + 48 + r->kx) - ox) - sx * cz;
-    const float8 ay = (vload8(0, block + r->ky) - oy) - sy * az;
-    const float8 by = (vload8(0, block + 24 + r->ky) - oy) - sy * bz;
-    const float8 cy = (vload8(0, block + 48 + r->ky) - oy) - sy * cz;
+    const float8 az = bvh_load8(block + r->kz) - oz;
+    const float8 bz = bvh_load8(block + 24 + r->kz) - oz;
+    const float8 cz = bvh_load8(block + 48 + r->kz) - oz;
+    const float8 ax = (bvh_load8(block + r->kx) - ox) - sx * az;
+    const float8 bx = (bvh_load8(block + 24 + r->kx) - ox) - sx * bz;
+    const float8 cx = (bvh_load8(block + 48 + r->kx) - ox) - sx * cz;
+    const float8 ay = (bvh_load8(block + r->ky) - oy) - sy * az;
+    const float8 by = (bvh_load8(block + 24 + r->ky) - oy) - sy * bz;
+    const float8 cy = (bvh_load8(block + 48 + r->ky) - oy) - sy * cz;
     const float8 e0 = bvh_edge(cx, by, cy, bx);
     const float8 e1 = bvh_edge(ax, cy, ay, cx);
     const float8 e2 = bvh_edge(bx, ay, by, ax);
     const float8 det = e0 + e1 + e2;
-    const int8 inside = (min(min(e0, e1), e2) >= 0.0f) | (max(max(e0, e1), e2) <= 0.0f);
+    const int8 inside = ((e0 >= 0.0f) & (e1 >= 0.0f) & (e2 >= 0.0f))
+        | ((e0 <= 0.0f) & (e1 <= 0.0f) & (e2 <= 0.0f));
     const float8 inverse = 1.0f / det;
     const float8 distance = (e0 * az + e1 * bz + e2 * cz) * r->sz * inverse;
     *t = distance;
@@ -160,8 +179,8 @@ inline int bvh_push(__global const float *node, uint mask, float8 entry, int *no
     int current = children[i];
     if (mask == 0)
         return current;
-    float entries[8];
-    vstore8(entry, 0, entries);
+    float entries[8] __attribute__((aligned(32)));
+    *(float8 *)entries = entry;
     float nearest = entries[i];
     const int bottom = *top;
     int end = bottom;
@@ -221,10 +240,11 @@ inline Hit bvh_closest(BVH_PARAMS, float3 origin, float3 direction, float t_max)
                 float8 t, u, v;
                 uint mask = bvh_block(block, &r, limit, &t, &u, &v);
                 if (mask) {
-                    float ts[8], us[8], vs[8];
-                    vstore8(t, 0, ts);
-                    vstore8(u, 0, us);
-                    vstore8(v, 0, vs);
+                    float ts[8] __attribute__((aligned(32))), us[8] __attribute__((aligned(32)));
+                    float vs[8] __attribute__((aligned(32)));
+                    *(float8 *)ts = t;
+                    *(float8 *)us = u;
+                    *(float8 *)vs = v;
                     do {
                         const uint i = bvh_lowest(mask);
                         mask &= mask - 1;

@@ -38,10 +38,10 @@ typedef struct {
 
 inline float bvh_least(float16 a)
 {
-    const float8 b = min(a.lo, a.hi);
-    const float4 c = min(b.lo, b.hi);
-    const float2 d = min(c.lo, c.hi);
-    return min(d.x, d.y);
+    const float8 b = bvh_min8(a.lo, a.hi);
+    const float4 c = b.lo < b.hi ? b.lo : b.hi;
+    const float2 d = c.lo < c.hi ? c.lo : c.hi;
+    return d.x < d.y ? d.x : d.y;
 }
 
 inline float bvh_greatest(float16 a)
@@ -106,14 +106,14 @@ inline bool bvh_packet(float16 ox, float16 oy, float16 oz, float16 dx, float16 d
 
 inline float8 bvh_enter(__global const float *bounds, float origin, float low, float high)
 {
-    const float8 b = vload8(0, bounds) - origin;
-    return min(b * low, b * high);
+    const float8 b = bvh_load8(bounds) - origin;
+    return bvh_min8(b * low, b * high);
 }
 
 inline float8 bvh_leave(__global const float *bounds, float origin, float low, float high)
 {
-    const float8 b = vload8(0, bounds) - origin;
-    return max(b * low, b * high);
+    const float8 b = bvh_load8(bounds) - origin;
+    return bvh_max8(b * low, b * high);
 }
 
 // Which boxes any ray may meet before t_max; no ray enters before `entry`.
@@ -128,8 +128,8 @@ inline uint bvh_packet_boxes(__global const float *node, const BvhPacket *p, flo
     const float8 fx = bvh_leave(node + (p->near_x ^ 8), far.x, low.x, high.x);
     const float8 fy = bvh_leave(node + (p->near_y ^ 8), far.y, low.y, high.y);
     const float8 fz = bvh_leave(node + (p->near_z ^ 8), far.z, low.z, high.z);
-    const float8 enter = max(max(nx, ny), max(nz, (float8)(0.0f)));
-    const float8 leave = min(min(fx, fy), min(fz, (float8)(t_max))) * 1.0000004f;
+    const float8 enter = bvh_max8(bvh_max8(nx, ny), bvh_max8(nz, (float8)(0.0f)));
+    const float8 leave = bvh_min8(bvh_min8(fx, fy), bvh_min8(fz, (float8)(t_max))) * 1.0000004f;
     *entry = enter;
     return bvh_mask(enter <= leave);
 }
@@ -158,7 +158,8 @@ inline int16 bvh_packet_triangle(__global const float *corner, const BvhPacket *
     const float16 e0 = bvh_edge16(cx, by, cy, bx);
     const float16 e1 = bvh_edge16(ax, cy, ay, cx);
     const float16 e2 = bvh_edge16(bx, ay, by, ax);
-    const int16 inside = (min(min(e0, e1), e2) >= 0.0f) | (max(max(e0, e1), e2) <= 0.0f);
+    const int16 inside = ((e0 >= 0.0f) & (e1 >= 0.0f) & (e2 >= 0.0f))
+        | ((e0 <= 0.0f) & (e1 <= 0.0f) & (e2 <= 0.0f));
     if (bvh_mask16(inside) == 0)
         return inside;
     const float16 det = e0 + e1 + e2;
@@ -241,11 +242,11 @@ inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, 
                     float16 t, u, v;
                     const int16 hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
                     if (bvh_mask16(hit)) {
-                        hits.t = select(hits.t, t, hit);
-                        hits.u = select(hits.u, u, hit);
-                        hits.v = select(hits.v, v, hit);
-                        hits.triangle = select(hits.triangle, (int16)(ids[i]), hit);
-                        limits = select(limits, t, hit);
+                        hits.t = hit ? t : hits.t;
+                        hits.u = hit ? u : hits.u;
+                        hits.v = hit ? v : hits.v;
+                        hits.triangle = hit ? (int16)(ids[i]) : hits.triangle;
+                        limits = hit ? t : limits;
                         limit = bvh_greatest(limits);
                     }
                 }
@@ -260,10 +261,10 @@ inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, 
             const Hit16 nearer
                 = bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, limits);
             const int16 found = nearer.triangle >= 0;
-            hits.t = select(hits.t, nearer.t, found);
-            hits.u = select(hits.u, nearer.u, found);
-            hits.v = select(hits.v, nearer.v, found);
-            hits.triangle = select(hits.triangle, nearer.triangle, found);
+            hits.t = found ? nearer.t : hits.t;
+            hits.u = found ? nearer.u : hits.u;
+            hits.v = found ? nearer.v : hits.v;
+            hits.triangle = found ? nearer.triangle : hits.triangle;
             return hits;
         }
         current = nodes[top];
@@ -306,7 +307,7 @@ inline int16 bvh_occluded_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz,
                     const int16 hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
                     if (bvh_mask16(hit)) {
                         blocked |= hit;
-                        limits = select(limits, (float16)(0.0f), hit);
+                        limits = hit ? (float16)(0.0f) : limits;
                         limit = bvh_greatest(limits);
                         if (limit <= 0.0f)
                             return blocked;

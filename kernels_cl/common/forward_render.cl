@@ -6,15 +6,12 @@
 #include "common/lights.cl"
 #include "common/material.cl"
 #include "common/sampling.cl"
-
-#define SHOW_DIRECT 1
-#define SHOW_INDIRECT 2
+#include "common/show.cl"
 
 // forward_render: one work-item per pixel, in tiled order (sampling.cl).
 //   radiance = emission + albedo / pi (direct + indirect irradiance), the environment on a miss,
 //   black on a surface's back. Thesis 000, section 5.4 (there by rasterisation).
-// image: (height, width, 3) W/m2/sr. show: sum of SHOW_DIRECT (direct light, emission and
-// environment) and SHOW_INDIRECT. Built with INDIRECT=0 it takes and reads no lightmap.
+// image: (height, width, 3) W/m2/sr. show: as in show.cl. Built with INDIRECT=0 it takes and reads no lightmap.
 __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                              __global const float *camera, int width, int height, int show,
 #if INDIRECT

@@ -56,6 +56,16 @@ inline LightSample light_at(__global const float *light, float3 position)
     return s;
 }
 
+// Irradiance of a light on a surface that nothing shadows, W/m2; light from behind the surface's
+// geometric front does not count.
+inline float3 unshadowed_irradiance(LightSample s, float3 normal, float3 geometric_normal)
+{
+    const float cosine = dot(normal, s.towards);
+    if (cosine <= 0.0f || dot(geometric_normal, s.towards) <= 0.0f)
+        return (float3)(0.0f);
+    return s.irradiance * cosine;
+}
+
 // Irradiance of all lights at a point of a surface, W/m2.
 //   position          on the surface, m
 //   normal            unit shading normal
@@ -67,10 +77,7 @@ inline float3 direct_irradiance(BVH_PARAMS, LIGHT_PARAMS, float3 position, float
     float3 sum = (float3)(0.0f);
     for (int i = 0; i < light_count; ++i) {
         const LightSample s = light_at(lights + i * LIGHT_FLOATS, position);
-        const float cosine = dot(normal, s.towards);
-        if (cosine <= 0.0f || dot(geometric_normal, s.towards) <= 0.0f)
-            continue;
-        const float3 gain = s.irradiance * cosine;
+        const float3 gain = unshadowed_irradiance(s, normal, geometric_normal);
         if (gain.x + gain.y + gain.z <= 0.0f)
             continue;
         if (!bvh_occluded(BVH_ARGS, origin, s.towards, s.distance * SHADOW_RAY_SHARE))

@@ -14,6 +14,7 @@ from gibench.techniques.shared_passes import (
     forward_render,
     lightmap_update,
     rendered,
+    suits_packets,
 )
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
 from gibench.techniques.srp.probe_view import probe_view
@@ -59,6 +60,7 @@ class Srp:
             self.turns,
             self.indirect,
         )
+        self._packets = context.variant == TUNED and suits_packets(context.device)
         self.variant: SrpVariant = Tuned(given) if context.variant == TUNED else Published(given)
 
     @property
@@ -81,7 +83,7 @@ class Srp:
             ),
             *self.variant.passes(),
             self.variant.dilate(),
-            forward_render(self.scene, self.receivers, self.indirect),
+            forward_render(self.scene, self.receivers, self.indirect, self._packets),
         ]
 
     def begin_frame(self, frame: int) -> None:
@@ -103,6 +105,7 @@ class Srp:
                 show,
                 self.receivers,
                 self.indirect,
+                self._packets,
             )
             for title, show in shown.items()
         }
@@ -127,3 +130,11 @@ class Srp:
             "clusters": self.sizes.clusters,
             "light_basis_vectors": self.sizes.rows,
         }
+
+    def notes(self) -> list[str]:
+        """How well the probes cover the receivers."""
+        bake = self._bake
+        return [
+            f"{100 * bake.usable_share:.2f} % of the receivers lie within a probe that they can "
+            f"use; {bake.overlap:.1f} probes reach a receiver on average"
+        ]
