@@ -6,6 +6,7 @@ from gibench.device import Device
 from gibench.techniques.gibs.grid import NEIGHBOURS, SurfelGeometry, SurfelGrid, UniformGrid
 from gibench.techniques.launching import prepare_launch
 
+STRETCH = 4.0  # what the tests and benchmarks of sorting use
 IDENTITY = np.eye(3, 4, dtype=np.float32).reshape(1, 12)
 
 
