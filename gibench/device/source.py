@@ -37,8 +37,11 @@ def _expand(path: str, root: Traversable, seen: set[str]) -> str:
     if not file.is_file():
         raise GibenchError(f"kernel source '{path}' is missing from {root}")
 
-    def included(match: re.Match[str]) -> str:
-        return _expand(match.group(1), root, seen)
+    text = file.read_text(encoding="utf-8")
 
-    body = _INCLUDE.sub(included, file.read_text(encoding="utf-8"))
-    return f'#line 1 "{path}"\n{body}\n'
+    def included(match: re.Match[str]) -> str:
+        # The line after the include: messages then name the file and line a reader knows.
+        after = text.count("\n", 0, match.end()) + 2
+        return f'\n{_expand(match.group(1), root, seen)}#line {after} "{path}"'
+
+    return f'#line 1 "{path}"\n{_INCLUDE.sub(included, text)}\n'

@@ -38,10 +38,13 @@ typedef struct {
 
 inline float bvh_least(float16 a)
 {
-    const float8 b = bvh_min8(a.lo, a.hi);
-    const float4 c = b.lo < b.hi ? b.lo : b.hi;
-    const float2 d = c.lo < c.hi ? c.lo : c.hi;
-    return d.x < d.y ? d.x : d.y;
+    const float8 *halves = (const float8 *)&a;
+    const float8 b = bvh_min8(halves[0], halves[1]);
+    const float4 *quarters = (const float4 *)&b;
+    const float4 c = quarters[0] < quarters[1] ? quarters[0] : quarters[1];
+    const float d = c.x < c.y ? c.x : c.y;
+    const float e = c.z < c.w ? c.z : c.w;
+    return d < e ? d : e;
 }
 
 inline float bvh_greatest(float16 a)
@@ -51,7 +54,8 @@ inline float bvh_greatest(float16 a)
 
 inline uint bvh_mask16(int16 lanes)
 {
-    return bvh_mask(lanes.lo) | (bvh_mask(lanes.hi) << 8);
+    const int8 *halves = (const int8 *)&lanes;
+    return bvh_mask(halves[0]) | (bvh_mask(halves[1]) << 8);
 }
 
 // Bounds of one axis; false where directions differ in sign or vanish.

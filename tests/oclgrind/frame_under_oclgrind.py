@@ -7,6 +7,7 @@ Usage: python frame_under_oclgrind.py TECHNIQUE VARIANT WORKGROUP_SIZE VECTOR_WI
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -42,6 +43,7 @@ def record_kernels() -> set[str]:
 def main(technique: str, variant: str, workgroup_size: int, vector_width: int, cache: Path) -> None:
     """Bake, create, run two frames, draw the images."""
     ran = record_kernels()
+    os.cpu_count = lambda: 1  # Oclgrind crashes when kernels are enqueued from several threads
     Device.vector_width = property(lambda self: vector_width)  # type: ignore[assignment]
     spec = find_technique(technique)
     known = spec.settings_type.__dataclass_fields__
