@@ -1,8 +1,9 @@
-"""Bake and run two tiny frames of a technique; meant to be started under Oclgrind.
+"""Bake for a technique, or run two tiny frames of it; meant to be started under Oclgrind.
 
 Prints the name of every kernel that ran, one to a line.
 
-Usage: python frame_under_oclgrind.py TECHNIQUE VARIANT WORKGROUP_SIZE VECTOR_WIDTH CACHE_DIR
+Usage: python frame_under_oclgrind.py bake|frames TECHNIQUE VARIANT WORKGROUP_SIZE VECTOR_WIDTH
+           CACHE_DIR
 """
 
 from __future__ import annotations
@@ -36,12 +37,21 @@ def record_kernels() -> set[str]:
         ran.add(kernel.function_name)
         return enqueue(queue, kernel, *args, **kwargs)
 
+    call = cl.Kernel.__call__
+
+    def calling(kernel: Any, *args: Any, **kwargs: Any) -> Any:
+        ran.add(kernel.function_name)
+        return call(kernel, *args, **kwargs)
+
     cl.enqueue_nd_range_kernel = recording
+    cl.Kernel.__call__ = calling
     return ran
 
 
-def main(technique: str, variant: str, workgroup_size: int, vector_width: int, cache: Path) -> None:
-    """Bake, create, run two frames, draw the images."""
+def main(
+    what: str, technique: str, variant: str, workgroup_size: int, vector_width: int, cache: Path
+) -> None:
+    """Bake; then create, run two frames and draw the images, where they are asked for."""
     ran = record_kernels()
     os.cpu_count = lambda: 1  # Oclgrind crashes when kernels are enqueued from several threads
     Device.vector_width = property(lambda self: vector_width)  # type: ignore[assignment]
@@ -51,6 +61,9 @@ def main(technique: str, variant: str, workgroup_size: int, vector_width: int, c
     scene = build("cornell-box")
     lightmap = unwrap(scene, RECEIVERS)
     baked = spec.bake(BakeContext(scene, lightmap, settings, cache))
+    if what == "bake":
+        print(*sorted(ran), sep="\n")
+        return
     device = Device(replace(load_profile("iphone7"), simd_width=1))
     context = CreateContext(
         *(device, scene, lightmap, settings, baked, variant, workgroup_size),
@@ -68,4 +81,5 @@ def main(technique: str, variant: str, workgroup_size: int, vector_width: int, c
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]), Path(sys.argv[5]))
+    what, technique, variant, size, width, cache = sys.argv[1:]
+    main(what, technique, variant, int(size), int(width), Path(cache))
