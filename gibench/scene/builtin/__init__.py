@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gibench.errors import BadInput
-from gibench.scene.builtin import atrium, box_room, hall
+from gibench.scene.builtin import atrium, box_room, hall, two_rooms
 from gibench.scene.builtin.parts import Part
 from gibench.scene.builtin.settings import Settings, assemble, read_settings
 from gibench.scene.model import Scene
@@ -18,6 +18,7 @@ from gibench.scene.model import Scene
 _MAKERS: dict[str, Callable[[Settings], list[Part]]] = {
     "cornell-box": box_room.parts,
     "blue-orange-box": box_room.parts,
+    "two-rooms": two_rooms.parts,
     "hall": hall.parts,
     "atrium": atrium.parts,
 }
