@@ -2,7 +2,7 @@
 //
 // Macros: PROBES, COUNT_X, COUNT_Y, COUNT_Z; IRRADIANCE_SIDE and DISTANCE_SIDE (texels of a map's
 // side without its border); HALF_STORAGE; DECODE_HALVES (gamma where it is a whole number, else 0)
-// and DECODE (gamma / 2); NORMAL_BIAS, VIEW_BIAS, VISIBILITY_FLOOR, CRUSH_THRESHOLD.
+// and DECODE (gamma / 2); NORMAL_BIAS, VIEW_BIAS, VISIBILITY_FLOOR, CRUSH_THRESHOLD; biases in m.
 //
 // volume           9 floats: origin, spacing (m), scroll (gibench.techniques.ddgi.volume)
 // probe_data       per probe its offset from the grid (m) and its state (PROBE_ACTIVE and

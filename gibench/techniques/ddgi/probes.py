@@ -122,7 +122,7 @@ class Probes:
         return self.settings.min_frontface_distance * min(self.volume.spacing)
 
     def defines(self, lanes: int) -> dict[str, Define]:
-        """The macros of the kernels in kernels_cl/ddgi.
+        """The macros of the kernels in kernels_cl/ddgi; lengths in metres.
 
         Args:
             lanes: probes whose rays lie side by side (kernels_cl/ddgi/rays.cl).
@@ -153,8 +153,8 @@ class Probes:
             # No rays on backs are never too many.
             "MAX_BACKFACES": max(1.0, float(int(s.random_backface_threshold * s.blended))),
             "FIXED_BACKFACE_THRESHOLD": float(s.fixed_backface_threshold),
-            "NORMAL_BIAS": float(s.normal_bias),
-            "VIEW_BIAS": float(s.view_bias),
+            "NORMAL_BIAS": s.normal_bias * min(self.volume.spacing),
+            "VIEW_BIAS": s.view_bias * min(self.volume.spacing),
             "VISIBILITY_FLOOR": float(s.visibility_floor),
             "CRUSH_THRESHOLD": float(s.crush_threshold),
         }

@@ -93,9 +93,12 @@ class DdgiSettings:
     )
     # -- application ---------------------------------------------------------------------------
     normal_bias: float = _setting(
-        0.1, "gathering is done this far off the surface; leaks less, detaches corners", "m"
+        0.1,
+        "gathering is done this far off the surface; leaks less, detaches corners (the SDK's unit "
+        "is the scene's, made for spacings near 1)",
+        "least spacings",
     )
-    view_bias: float = _setting(0.1, "and this far towards the viewer", "m")
+    view_bias: float = _setting(0.1, "and this far towards the viewer", "least spacings")
     visibility_floor: float = _setting(0.05, "least weight of a probe the Chebyshev test rejects")
     crush_threshold: float = _setting(0.2, "weights below are squared twice more (w^3 / t^2)")
 
