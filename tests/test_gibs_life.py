@@ -28,7 +28,7 @@ def ids_of(technique):
 
 @pytest.mark.parametrize("variant", [PUBLISHED, TUNED])
 def test_no_id_is_lost_or_given_twice_in_a_thousand_frames_of_flight(variant):
-    capacity = 250
+    capacity = 180
     technique = gibs(
         furnished(),
         variant,
@@ -61,12 +61,13 @@ def test_every_visible_pixel_is_covered_at_rest(grid):
         furnished(), placement_chance=0.5, radius_share=0.05, grid=grid, grid_cells=16, width=96,
         height=64, surfels=4000,
     )  # fmt: skip
-    frames = Frames(technique).run(160)
+    frames = Frames(technique).run(240)
     assert technique.life()["free"] > 0
     for _ in range(5):
         frames.run()
         covered = technique.coverage()
-        assert np.nanmin(covered) > 0.9
+        assert np.nanmin(covered) > 0.5
+    assert np.nanmean(covered < 1) < 0.01
     assert np.count_nonzero(np.isfinite(covered)) == covered.size  # the room is closed
     assert np.nanmean(covered) < 4  # and not strewn with surfels
     assert technique.life()["dropped"] == 0

@@ -54,7 +54,9 @@ def device_of(simd_width):
 
 
 @pytest.mark.parametrize("length", LENGTHS)
-@pytest.mark.parametrize(("simd", "size"), [(32, 32), (32, 96), (64, 256), (1, 24), (32, 512)])
+@pytest.mark.parametrize(
+    ("simd", "size"), [(32, 32), (32, 96), (64, 256), (1, 24), (1, 7), (32, 512)]
+)
 def test_waves_scan_exactly(length, simd, size):
     values = some_values(length)
     np.testing.assert_array_equal(waves(device_of(simd), values, size), expected(values)[:-1])
@@ -69,9 +71,7 @@ def test_blocks_scan_exactly(length, size):
 
 def test_blocks_scan_fewer_than_there_is_room_for():
     values = some_values(5000)
-    np.testing.assert_array_equal(
-        blocks(device_of(1), values, 64, capacity=9001), expected(values)
-    )
+    np.testing.assert_array_equal(blocks(device_of(1), values, 64, capacity=9001), expected(values))
 
 
 def test_sums_wrap_at_32_bits():

@@ -14,7 +14,7 @@
 #ifndef GIBENCH_SCAN
 #define GIBENCH_SCAN
 
-// Work-items of a wave; a power of two that divides the work-group size.
+// Work-items of a wave; they divide the work-group size.
 #ifndef WAVE
 #define WAVE 32
 #endif

@@ -100,7 +100,8 @@ class PyOpenCL:
             void generate(LIST_ARG_DECL USER_ARG_DECL index_type i)
             {
                 const float3 p = surfel_load3(position, i), n = surfel_load3(normal, i);
-                GRID_FOR_EACH(grid, p, n, radii[i], cell, APPEND_cells((uint)cell); APPEND_owners(i))
+                GRID_FOR_EACH(grid, p, n, radii[i], cell, APPEND_cells((uint)cell);
+                              APPEND_owners(i))
             }
         """
         self.build = ListOfListsBuilder(

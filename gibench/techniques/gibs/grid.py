@@ -188,7 +188,8 @@ class SurfelGrid:
         self.published, self.entries = published, entries
         cells = grid.cells
         self.table = device.upload("grid_table", grid.table((0.0, 0.0, 0.0)))
-        self.counts = device.empty("grid_counts", cells, np.uint32)
+        # Tuned, they count back to zero every frame and are never cleared.
+        self.counts = device.upload("grid_counts", np.zeros(cells, np.uint32))
         self.starts = device.empty("grid_starts", cells + 1, np.uint32)
         self.ids = device.empty("grid_ids", max(entries, 1), np.uint32)
         self.packed: Buffer | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibench.device import Buffer, Device
+from gibench.errors import CannotRun
 from gibench.techniques.technique import Launch, LocalMemory
 
 SCAN_ITEMS = 16  # kernels_cl/common/scan.cl
@@ -82,19 +83,20 @@ class WaveScan:
 
 
 def wave_of(device: Device, workgroup_size: int) -> int:
-    """The wave that is scanned at once: the profile's SIMD width, where it is a power of two that
-    divides the work-group; else the largest power of two that does, at least 2 where there is one.
+    """Work-items that are scanned at once: the profile's SIMD width where that divides the
+    work-group, else the whole work-group.
     """
     simd = device.profile.simd_width
-    if simd > 1 and simd & (simd - 1) == 0 and workgroup_size % simd == 0:
-        return simd
-    return max(workgroup_size & -workgroup_size, 1)
+    return simd if simd > 1 and workgroup_size % simd == 0 else workgroup_size
 
 
 def wave_levels(length: int, wave: int) -> tuple[int, ...]:
     """Number of values of each level of the recursion, the last within one wave."""
     if wave < 2:
-        raise ValueError("a wave-wise scan needs waves of at least two work-items")
+        raise CannotRun(
+            "the published prefix sum needs work-groups of at least two work-items",
+            mend="use another --workgroup-size or --variant tuned",
+        )
     counts = [length]
     while counts[-1] > wave:
         counts.append(-(-counts[-1] // wave))
