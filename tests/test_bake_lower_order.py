@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tiny_scenes import room
 from gibench.bake.lower_order import lower_order
 from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.srp_bake import bake_srp
-from gibench.bake.srp_data import SrpBake
+from gibench.bake.srp_data import Cluster, SrpBake
 
 SETTINGS = {"probes": 5, "relight_samples": 64, "transport_rays": 128, "overlap": 4.0}
 
@@ -58,6 +59,23 @@ def test_lower_order_is_that_orders_bake(store: Path, order: int) -> None:
     assert np.linalg.norm(found - truth) / np.linalg.norm(truth) <= 1.2 * max(
         cluster.error for cluster in high.clusters
     )
+
+
+def test_dark_clusters_stay_dark(store: Path) -> None:
+    scene, lightmap = room(6)
+    bake = bake_srp(scene, lightmap, SrpBakeSettings(sh_order=7, **SETTINGS), store)
+    nothing = np.zeros((0, 0), np.float32)
+    dark = Cluster(
+        np.arange(5, dtype=np.int32),
+        np.zeros(0, np.int32),
+        nothing,
+        np.zeros((5, 0), np.float32),
+        0.0,
+    )
+    (low,) = lower_order(replace(bake, clusters=(dark,)), 2, most=32, threshold=0.005).clusters
+    assert low.projection.shape == (0, 0)
+    assert low.reconstruction.shape == (5, 0)
+    assert low.error == 0.0
 
 
 def test_a_higher_order_is_refused(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def lower_order(bake: SrpBake, order: int, most: int, threshold: float) -> SrpBa
 def _lowered(cluster: Cluster, before: int, after: int, most: int, threshold: float) -> Cluster:
     vectors = len(cluster.projection)
     blocks = cluster.projection.reshape(vectors, len(cluster.probes), before)
-    kept = blocks[:, :, :after].reshape(vectors, -1)
+    kept = blocks[:, :, :after].reshape(vectors, len(cluster.probes) * after)
     turned, projection, error = truncated_svd(kept, most, threshold)
     reconstruction = cluster.reconstruction.astype(np.float64) @ turned.astype(np.float64)
     return Cluster(

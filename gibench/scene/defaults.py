@@ -25,7 +25,7 @@ SKY = Environment.gradient(
 _SIZES = ((2_000, 40_000, 27), (100_000, 100_000, 100))
 # Silvennoinen and Lehtinen 2017, "Real-time Global Illumination by Precomputed Local Reconstruction
 # from Sparse Radiance Probes": Sponza with 246 325 receivers and 150 probes.
-_LARGEST = (246_000, 150)
+_LARGEST = (246_325, 150)
 
 
 def suggested_sizes(triangles: int) -> tuple[int, int]:

@@ -20,7 +20,10 @@ def _bake(context: BakeContext) -> SrpBake:
     from gibench.bake.srp_bake import bake_srp
 
     settings: SrpSettings = context.settings
-    highest = replace(settings.bake_settings(), sh_order=MAX_SH_ORDER)
+    given = context.scene.probes
+    # The scene's own number said aloud, so that asking for it by --probes finds the same bake.
+    probes = settings.probes or (given.count if given.positions is None else None)
+    highest = replace(settings.bake_settings(), sh_order=MAX_SH_ORDER, probes=probes)
     bake = bake_srp(context.scene, context.lightmap, highest, context.cache_dir, seed=context.seed)
     if settings.sh_order == MAX_SH_ORDER:
         return bake
