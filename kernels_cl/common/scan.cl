@@ -79,14 +79,9 @@ inline uint scan_group(uint value, __local uint *partial)
 // The sum of the SCAN_ITEMS values from `first` on, zeros past the end.
 inline uint scan_item_sum(__global const uint *values, uint first, uint n)
 {
-    if (first + SCAN_ITEMS <= n) {
-        const uint16 v = vload16(0, values + first);
-        const uint8 a = v.lo + v.hi;
-        const uint4 b = a.lo + a.hi;
-        return b.x + b.y + b.z + b.w;
-    }
+    const uint end = min(first + SCAN_ITEMS, n);
     uint sum = 0;
-    for (uint i = first; i < n; ++i)
+    for (uint i = first; i < end; ++i)
         sum += values[i];
     return sum;
 }
