@@ -14,6 +14,8 @@ from gibench.techniques.technique import FloatArray
 
 # A sphere's radius over the scene's diagonal: small enough that 150 do not hide the scene.
 _RADIUS_SHARE = 0.012
+# A probe nearer to the eye than this many radii would hide the view and is left out.
+_NEAREST_RADII = 8.0
 
 
 def probe_view(
@@ -47,7 +49,7 @@ def probe_view(
     for probe, position in enumerate(np.asarray(positions, np.float64)):
         to_probe = position - eye
         depth = float(to_probe @ forward)
-        if depth <= radius:
+        if depth <= _NEAREST_RADII * radius:
             continue
         # The window of pixels the sphere can cover, then the exact intersection within it.
         centre_x = float(to_probe @ right) / (right @ right) / depth
