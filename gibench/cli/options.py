@@ -11,7 +11,7 @@ import typer
 from gibench.errors import BadInput
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from gibench.measure.configuration import Request
     from gibench.profiles import DeviceProfile
@@ -121,6 +121,101 @@ CacheDir = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+WorkgroupSizes = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--workgroup-size",
+        "-w",
+        min=1,
+        metavar="N",
+        help="Work-items per group; by default the profile's. A pass that cannot run at one is "
+        "skipped with its reason.",
+        rich_help_panel=GRID,
+    ),
+]
+Resolution = Annotated[
+    str,
+    typer.Option(
+        "--resolution",
+        metavar="WxH",
+        help="Camera image, pixels; by default the iPhone 7's screen.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+CameraChoice = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="N|NAME",
+        help="Which of the scene's cameras, counted from 0; by default its first.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+DeviceNumber = Annotated[
+    int | None,
+    typer.Option(
+        "--device",
+        min=0,
+        metavar="N",
+        help="OpenCL device to execute on, as 'gibench devices' counts them.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=OUTPUT),
+]
+Threshold = Annotated[
+    str,
+    typer.Option(
+        "--threshold", metavar="PERCENT", help="The least change that matters, for instance 5%."
+    ),
+]
+MarkdownFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--markdown",
+        metavar="FILE",
+        help="Write a table for a pull request; - for standard output.",
+    ),
+]
+JsonFile = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Write everything as JSON; - for standard output."),
+]
+
+
+def percentage(text: str) -> float:
+    """The share that ``5%`` (or ``5``) is.
+
+    Raises:
+        BadInput: it is no percentage above 0 and below 100.
+    """
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*%?\s*", text)
+    share = float(match[1]) / 100 if match else 0.0
+    if not 0 < share < 1:
+        raise BadInput(f"--threshold '{text}' is no percentage", mend="give for instance 5%")
+    return share
+
+
+def write_comparison(
+    markdown: Path | None, text: str, json_file: Path | None, content: Mapping[str, object]
+) -> None:
+    """Write a comparison where it was asked for.
+
+    Raises:
+        GibenchError: it cannot be written.
+    """
+    import json
+
+    from gibench.measure.run_folder import write_atomically
+
+    whole = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    for path, written in ((markdown, text), (json_file, whole)):
+        if path == Path("-"):
+            typer.echo(written, nl=False)
+        elif path is not None:
+            write_atomically(path, written.encode())
 
 
 def paragraphs(text: str | None) -> str:

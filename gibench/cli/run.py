@@ -25,18 +25,7 @@ def run(
     sh_order: options.ShOrders = None,
     probes: options.Probes = None,
     receivers: options.ReceiverCounts = None,
-    workgroup_size: Annotated[
-        list[int] | None,
-        typer.Option(
-            "--workgroup-size",
-            "-w",
-            min=1,
-            metavar="N",
-            help="Work-items per group; by default the profile's. A pass that cannot run at one is "
-            "skipped with its reason.",
-            rich_help_panel=options.GRID,
-        ),
-    ] = None,
+    workgroup_size: options.WorkgroupSizes = None,
     settings: options.Set = None,
     frames: Annotated[
         int,
@@ -59,24 +48,8 @@ def run(
             rich_help_panel=options.OUTPUT,
         ),
     ] = 3,
-    resolution: Annotated[
-        str,
-        typer.Option(
-            "--resolution",
-            metavar="WxH",
-            help="Camera image, pixels; by default the iPhone 7's screen.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = "1334x750",
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            "--camera",
-            metavar="N|NAME",
-            help="Which of the scene's cameras, counted from 0; by default its first.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
+    resolution: options.Resolution = "1334x750",
+    camera: options.CameraChoice = None,
     fit: Annotated[
         bool,
         typer.Option(
@@ -105,21 +78,9 @@ def run(
         ),
     ] = None,
     seed: options.Seed = 0,
-    device: Annotated[
-        int | None,
-        typer.Option(
-            "--device",
-            min=0,
-            metavar="N",
-            help="OpenCL device to execute on, as 'gibench devices' counts them.",
-            rich_help_panel=options.OUTPUT,
-        ),
-    ] = None,
+    device: options.DeviceNumber = None,
     cache_dir: options.CacheDir = None,
-    quiet: Annotated[
-        bool,
-        typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=options.OUTPUT),
-    ] = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run techniques frame by frame and leave a folder of samples, tables and a report.
 
