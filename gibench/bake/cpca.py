@@ -117,7 +117,7 @@ def compress(
     rows = matrix.astype(np.float64)
     gram = rows @ rows.T
     blocks = matrix.reshape(len(receivers), len(probes), coefficients)
-    in_use = blocks.any(axis=2)
+    in_use = np.asarray(blocks.any(axis=2))
     done: list[Cluster] = []
     waiting = [np.arange(len(receivers))]
     while waiting:

@@ -78,7 +78,7 @@ def fragment_shares(fragments: Fragments) -> Floats:
     total = (sums[start[1:]] - sums[start[:-1]])[owner]
     within = sums[1:] - sums[start[:-1]][owner]
     even = (np.arange(len(owner)) - start[:-1][owner] + 1) / counts[owner]
-    share = np.divide(within, total, out=even, where=total > 0).astype(np.float32)
+    share: Floats = np.divide(within, total, out=even, where=total > 0).astype(np.float32)
     share[start[1:][counts > 0] - 1] = 1.0
     return share
 

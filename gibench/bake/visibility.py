@@ -97,7 +97,7 @@ def _texels(
     state = np.zeros((2, len(targets)), np.bool_)
     state[0, facing] = ~blocked
     state[1, facing] = blocked
-    visible, hidden = state.reshape(2, -1, POINTS_PER_TEXEL).any(axis=2)
+    visible, hidden = np.asarray(state.reshape(2, -1, POINTS_PER_TEXEL).any(axis=2))
     away = ~(visible | hidden)
     return visible | away, hidden | away
 
@@ -123,7 +123,7 @@ def _directions(probe: Floats, tracer: RayTracer, rng: np.random.Generator) -> t
     cells = blocked.reshape(DIRECTION_GRID, RAYS_PER_CELL_SIDE, DIRECTION_GRID, -1)
     near = []
     for flags in (~cells, cells):
-        any_of_cell = flags.any(axis=(1, 3)).astype(np.uint8)
+        any_of_cell = np.asarray(flags.any(axis=(1, 3))).astype(np.uint8)
         spread = maximum_filter(_wrapped(any_of_cell), size=3)[1:-1, 1:-1]
         near.append(spread.reshape(-1) > 0)
     return near[0], near[1]
