@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from gibench import __version__
-from gibench.cli import bake, devices, profiles, run, scenes, techniques
+from gibench.cli import ab, bake, compare, devices, profiles, run, scenes, techniques
 from gibench.cli.options import paragraphs
 from gibench.errors import GibenchError, Interrupted
 
@@ -37,7 +37,15 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog=paragraphs(EXIT_CODES),
 )
-for command in (run.run, bake.bake, scenes.scenes, techniques.techniques, devices.devices):
+for command in (
+    run.run,
+    bake.bake,
+    ab.ab,
+    compare.compare,
+    scenes.scenes,
+    techniques.techniques,
+    devices.devices,
+):
     app.command(command.__name__, help=paragraphs(command.__doc__))(command)
 app.add_typer(profiles.app, name="profiles")
 

@@ -6,11 +6,11 @@ import gc
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.resources.abc import Traversable
 from typing import Any
 
 import numpy as np
 
-from gibench.bake.srp_data import SrpBake
 from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.configuration import Configuration
@@ -23,7 +23,7 @@ from gibench.measure.shared import Shared
 from gibench.measure.view import choose_camera
 from gibench.progress import progress
 from gibench.techniques.registry import CreateContext
-from gibench.techniques.technique import Technique
+from gibench.techniques.technique import HasNotes, Technique
 
 TakeImages = Callable[[ConfigurationResult, dict[str, Any]], None]
 
@@ -40,6 +40,7 @@ class LoopOptions:
         camera: number or name; None for the scene's first.
         fit: lower the receivers until a configuration fits its profile.
         seed: of every random choice.
+        kernel_root: another kernel tree than the installed one.
     """
 
     frames: int = 30
@@ -49,6 +50,7 @@ class LoopOptions:
     camera: str | None = None
     fit: bool = False
     seed: int = 0
+    kernel_root: Traversable | None = None
 
 
 @dataclass
@@ -134,7 +136,7 @@ def _run(
     rows: list[tuple[Any, ...]],
     take_images: TakeImages | None,
 ) -> None:
-    device, technique = _set_up(result, options, shared, cl_device)
+    device, technique = set_up(result, options, shared, cl_device)
     try:
         prepared = prepare_passes(technique, result.configuration.workgroup_size)
         result.counts = dict(technique.counts())
@@ -156,10 +158,12 @@ def _run(
         device.queue.finish()
 
 
-def _set_up(
+def set_up(
     result: ConfigurationResult, options: LoopOptions, shared: Shared, cl_device: Any
 ) -> tuple[Device, Technique]:
     """A fresh device held to the profile, and the technique on it.
+
+    What a reader must know about the configuration is noted in ``result``.
 
     Raises:
         CannotRun: it does not fit the profile (with ``fit``: at no number of receivers).
@@ -178,7 +182,7 @@ def _set_up(
     while True:
         lightmap, baked = shared.baked(spec, settings, configuration.scene, receivers)
         context = CreateContext(
-            device=Device(profile, cl_device),
+            device=Device(profile, cl_device, options.kernel_root),
             scene=scene,
             lightmap=lightmap,
             settings=settings,
@@ -202,11 +206,8 @@ def _set_up(
     if receivers != asked:
         result.reason = f"fitted: aims for {receivers:,} receivers instead of {asked:,}"
         result.notes.append(f"{result.reason}, so that it fits profile {profile.name}")
-    if isinstance(baked, SrpBake):
-        result.notes.append(
-            f"{100 * baked.usable_share:.2f} % of the receivers lie within a probe that they can "
-            f"use; {baked.overlap:.1f} probes reach a receiver on average"
-        )
+    if isinstance(technique, HasNotes):
+        result.notes += technique.notes()
     return context.device, technique
 
 

@@ -125,3 +125,12 @@ class Technique(Protocol):
     def counts(self) -> dict[str, int]:
         """Sizes for the tables: probes, receivers, surfels; those that apply."""
         ...
+
+
+@runtime_checkable
+class HasNotes(Protocol):
+    """A technique that has something to say for the report."""
+
+    def notes(self) -> list[str]:
+        """Facts of this configuration that a reader of its figures must know, without full stop."""
+        ...
