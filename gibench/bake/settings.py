@@ -8,6 +8,8 @@ from typing import Literal
 from gibench.bake.srp_data import MAX_SH_ORDER
 from gibench.errors import BadInput
 
+INTERPOLATIONS = ("srp", "spatial", "visibility")
+
 
 @dataclass(frozen=True)
 class SrpBakeSettings:
@@ -33,6 +35,10 @@ class SrpBakeSettings:
             transport's energy.
         visibility: ``cached`` decides most mutual visibility from tables of a few rays per probe
             and texel, and traces what they leave open; ``exact`` traces everything.
+        interpolation: of radiance from the probes. ``srp`` reprojects and asks for mutual
+            visibility (thesis eq. 4.6); ``spatial`` blends by distance alone, in the receiver's own
+            direction (eq. 4.3); ``visibility`` is that from the probes the receiver sees. The
+            latter two are there to be compared with.
         workers: clusters in flight at once; None: one per core.
         chunk_rays: primary rays traced at once by one worker; about 60 bytes of memory each.
     """
@@ -48,6 +54,7 @@ class SrpBakeSettings:
     svd_refine: float = 0.02
     least_valid: float = 0.01
     visibility: Literal["cached", "exact"] = "cached"
+    interpolation: Literal["srp", "spatial", "visibility"] = "srp"
     workers: int | None = None
     chunk_rays: int = 1 << 19
 
@@ -74,6 +81,10 @@ class SrpBakeSettings:
             raise BadInput(f"svd_refine is {self.svd_refine}", mend="use more than 0, 1 for never")
         if self.visibility not in ("cached", "exact"):
             raise BadInput(f"visibility is '{self.visibility}'", mend="use cached or exact")
+        if self.interpolation not in INTERPOLATIONS:
+            raise BadInput(
+                f"interpolation is '{self.interpolation}'", mend=f"use {', '.join(INTERPOLATIONS)}"
+            )
 
     def key(self) -> str:
         """All that changes the result, as text; what only changes speed and memory is left out."""

@@ -170,6 +170,7 @@ class TransportWorker:
         self._decide = cl.Kernel(baker.program, "transport_decide")
         self._weights = cl.Kernel(baker.program, "transport_weights")
         self._accumulate = cl.Kernel(baker.program, "transport_accumulate")
+        self._unaware = cl.Kernel(baker.program, "transport_unaware")
         self._scratch: dict[str, Any] = {}
 
     def rows(self, receivers: Ints) -> TransportRows:
@@ -263,7 +264,10 @@ class TransportWorker:
         """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
         baker, queue = self.baker, self.queue
         stride, count = baker.stride, len(receivers)
-        states = self._decisions(receivers, pairs)
+        of_samples = self._decisions
+        if baker.settings.interpolation != "srp":
+            of_samples = self._without_mutual_visibility
+        states = of_samples(receivers, pairs)
         now = perf_counter()
         scratch = self._scratch
         start, probe, weight = (scratch[f"pair_{name}"] for name in ("start", "probe", "weight"))
@@ -318,6 +322,39 @@ class TransportWorker:
         if traced:
             cl.enqueue_copy(queue, visible, states)
         return np.asarray(states)
+
+    def _without_mutual_visibility(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
+        """As :meth:`_decisions`, for blending in the receiver's own direction: every sample is
+        taken from every probe, or from every one that the receiver sees.
+        """
+        baker, queue, stride, count = self.baker, self.queue, self.baker.stride, len(receivers)
+        now = perf_counter()
+        self._primary(receivers)
+        sees = np.ones(len(pairs.probe), np.uint8)
+        if baker.settings.interpolation == "visibility":
+            sees[:] = self._sees(receivers, pairs)
+        start = self._send("pair_start", pairs.start)
+        self._send("pair_probe", pairs.probe)
+        self._send("pair_weight", pairs.weight)
+        hits = self._buffer("hits", 16 * count * stride)
+        visible = self._buffer("visible", len(pairs.probe) * stride)
+        self._unaware(
+            queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
+            self._scratch["directions"], start, self._send("pair_sees", sees), hits, visible,
+        )  # fmt: skip
+        states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
+        self.clock.add("decide", now, states.size)
+        return np.asarray(states)
+
+    def _sees(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.bool_]:
+        """(q,) whether the receiver's own position, off its surface, sees the pair's probe."""
+        held = self.baker.lightmap.receivers
+        own = receivers[pairs.receiver]
+        origins = held.position[own] + held.normal[own] * np.float32(self.baker.offset)
+        towards = self.baker.probes.positions.astype(np.float32)[pairs.probe] - origins
+        above = np.einsum("qx,qx->q", towards, held.normal[own]) > 0
+        limit = np.full(len(own), 1.0 - SHORT_OF_TARGET, np.float32)
+        return np.asarray(above & ~self.baker.tracer.occluded(origins, towards, limit))
 
     def _resolve(self, states: npt.NDArray[np.uint8], pairs: Nearby, triangle: Ints) -> int:
         """Trace the undecided pairs and write the outcome into ``states``; returns their number."""

@@ -197,6 +197,21 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Region:
+    """A named part of a camera's image, for errors of its own.
+
+    Attributes:
+        name: in tables.
+        camera: name of the camera; "" for any.
+        box: left, top, right, bottom as shares of the image's width and height, y downwards.
+    """
+
+    name: str
+    camera: str
+    box: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
 class ProbeSettings:
     """What a scene says of its probes.
 
@@ -225,6 +240,7 @@ class Scene:
         object_ids: (t,) int32, one number per node or group of the file.
         lightmap_uvs: (v, 2) float32 in [0, 1], or None where the file has none.
         receivers: number of receivers to aim for unless the user says otherwise.
+        regions: parts of the image whose error is told apart; no result depends on them.
         warnings: what was dropped while loading, one line each, with counts.
     """
 
@@ -243,6 +259,7 @@ class Scene:
     probes: ProbeSettings = field(default_factory=ProbeSettings)
     lightmap_uvs: Floats | None = field(default=None, repr=False)
     receivers: int = 100_000
+    regions: tuple[Region, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property

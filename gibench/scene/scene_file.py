@@ -31,6 +31,7 @@ from gibench.scene.model import (
     Light,
     PointLight,
     ProbeSettings,
+    Region,
     Scene,
     SpotLight,
     Texture,
@@ -44,6 +45,7 @@ SCHEMA_VERSION = 1
 
 _TOP_KEYS = (
     "schema_version", "name", "receivers", "mesh", "light", "environment", "camera", "probes",
+    "region",
 )  # fmt: skip
 _MESH_KEYS = (
     "file", "shape", "scale", "rotate_degrees", "translate", "matrix", "flip", "base_color",
@@ -127,6 +129,11 @@ def scene_from_toml(text: str, *, where: object, folder: Path) -> Scene:
         # With an environment of its own the scene is lit: no sun is added to it.
         scene = replace(scene, environment=environment, lights=content.lights)
     scene = replace(scene, receivers=top.whole("receivers", scene.receivers, low=1))
+    regions = [
+        read_region(entry, label=f"[[region]] {i}", where=where)
+        for i, entry in enumerate(_tables(top, "region"), 1)
+    ]
+    scene = replace(scene, regions=tuple(regions))
     if "probes" in top:
         probes = _probes(
             Table(entries["probes"], "[probes]", where, ("count", "positions")), folder
@@ -165,6 +172,20 @@ def read_light(entries: Any, *, label: str, where: object) -> Light:
         inner_angle=math.radians(table.number("inner_degrees", 0.0, low=0, high=outer)),
         outer_angle=math.radians(outer),
     )
+
+
+def read_region(entries: Any, *, label: str, where: object) -> Region:
+    """A region from a table with ``name``, ``box`` and perhaps ``camera``.
+
+    Raises:
+        BadInput: an unknown key, or a box that is empty or leaves the image.
+    """
+    table = Table(entries, label, where, ("name", "camera", "box"))
+    left, top, right, bottom = table.numbers("box", 4)
+    if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
+        table.fail("box", "give left, top, right and bottom as shares of the image, 0 to 1")
+    camera = table.text("camera") if "camera" in table else ""
+    return Region(table.text("name"), camera, (left, top, right, bottom))
 
 
 def read_environment(entries: Any, *, where: object, folder: Path) -> Environment:

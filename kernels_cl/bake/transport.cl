@@ -1,6 +1,7 @@
 // Transport coefficients of Sparse Radiance Probes (thesis, section 5.6: eqs 4.10-4.12 and 5.6;
 // Silvennoinen and Lehtinen 2017, eqs 2 and 4) for a chunk of receivers: four kernels, between
-// which the host traces rays.
+// which the host traces rays; a fifth stands for the second where SRP's interpolation is compared
+// with plain blending.
 //
 // Layout, with R receivers, S samples per receiver (a multiple of VEC; the ones past `samples` are
 // padding) and receiver r's nearby probes at pairs pair_start[r] to pair_start[r + 1]:
@@ -165,6 +166,29 @@ __kernel void transport_decide(
             const float side = normal_x[i] * p.x + normal_y[i] * p.y + normal_z[i] * p.z;
             out[i] = side > distance[i] ? state[row[i]] : (uchar)HIDDEN;
         }
+    }
+}
+
+// What transport_decide writes, for plain blending (thesis eq. 4.3; Silvennoinen and Lehtinen 2017,
+// eq. 1): probes are looked up in the receiver's own direction, which is an escape's layout, and a
+// pair counts for all samples or for none; a work-item is (block of samples, receiver).
+__kernel void transport_unaware(const int stride, __global const float *directions,
+                                __global const int *pair_start, __global const uchar *pair_sees,
+                                __global float *hits, __global uchar *visible)
+{
+    const int r = get_global_id(1);
+    const int begin = get_global_id(0) * BLOCK;
+    const int end = min(begin + BLOCK, stride);
+    for (int s = begin; s < end; ++s) {
+        const float3 direction = load3(directions, (size_t)r * stride + s);
+        const bool valid = dot(direction, direction) > 0.5f;
+        __global float *out = hits + (size_t)r * 4 * stride + s;
+        out[0] = direction.x;
+        out[stride] = direction.y;
+        out[2 * stride] = valid ? direction.z : 1.0f;
+        out[3 * stride] = 0.0f;
+        for (int pair = pair_start[r]; pair < pair_start[r + 1]; ++pair)
+            visible[(size_t)pair * stride + s] = valid ? pair_sees[pair] : (uchar)0;
     }
 }
 

@@ -19,6 +19,7 @@ from gibench.scene.model import (
     Material,
     PointLight,
     ProbeSettings,
+    Region,
     Scene,
     Texture,
     Vec3,
@@ -36,6 +37,7 @@ class Settings:
         lights: as in the file, directions made unit.
         environment: light from outside.
         cameras: the main one first.
+        regions: of its images.
         materials: albedo (and texture) by name.
         textures: in the order the materials count them.
         geometry: everything else in the file.
@@ -47,6 +49,7 @@ class Settings:
     lights: tuple[Light, ...]
     environment: Environment = field(repr=False)
     cameras: tuple[Camera, ...]
+    regions: tuple[Region, ...]
     materials: dict[str, Material]
     textures: tuple[Texture, ...]
     geometry: dict[str, Any] = field(repr=False)
@@ -82,6 +85,7 @@ def read_settings(name: str) -> Settings:
             )
             for camera in table.pop("cameras")
         ),
+        regions=tuple(_region(region) for region in table.pop("regions", ())),
         materials=materials,
         textures=tuple(textures),
         geometry=table,
@@ -91,6 +95,11 @@ def read_settings(name: str) -> Settings:
 def _vec3(values: Any) -> Vec3:
     x, y, z = values
     return float(x), float(y), float(z)
+
+
+def _region(table: dict[str, Any]) -> Region:
+    left, top, right, bottom = (float(value) for value in table["box"])
+    return Region(table["name"], table["camera"], (left, top, right, bottom))
 
 
 def _light(table: dict[str, Any]) -> Light:
@@ -141,4 +150,5 @@ def assemble(settings: Settings, parts: list[Part]) -> Scene:
         cameras=settings.cameras,
         probes=ProbeSettings(settings.probes),
         receivers=settings.receivers,
+        regions=settings.regions,
     )

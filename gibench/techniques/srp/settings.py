@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.srp_data import MAX_SH_ORDER
@@ -99,6 +100,14 @@ class SrpSettings:
             "unit": "",
         },
     )
+    interpolation: Literal["srp", "spatial", "visibility"] = field(
+        default="srp",
+        metadata={
+            "help": "between probes: srp (mutual visibility), or for comparison spatial (by "
+            "distance alone) or visibility (from the probes that a receiver sees)",
+            "unit": "",
+        },
+    )
 
     def __post_init__(self) -> None:
         if not 0 <= self.sh_order <= MAX_SH_ORDER:
@@ -131,4 +140,5 @@ class SrpSettings:
             cluster_size=self.cluster_size,
             svd_vectors=self.svd_vectors,
             svd_threshold=self.svd_threshold,
+            interpolation=self.interpolation,
         )
