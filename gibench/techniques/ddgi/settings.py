@@ -135,11 +135,12 @@ class DdgiSettings:
         for name in _SHARES:
             if not 0 <= getattr(self, name) <= 1:
                 raise BadInput(f"{name} is {getattr(self, name)}", mend="give 0 to 1")
-        if self.placed and self.given_counts is None:
-            raise BadInput("origin or spacing without counts", mend="give counts=20x10x10, say")
-        if self.placed and (self.given_origin is None or self.given_spacing is None):
+        counts, origin, spacing = self.given_counts, self.given_origin, self.given_spacing
+        if (origin is None) != (spacing is None):
             raise BadInput("origin and spacing go together", mend="give both or neither")
-        if self.given_spacing is not None and min(self.given_spacing) <= 0:
+        if origin is not None and counts is None:
+            raise BadInput("origin and spacing without counts", mend="give counts=20x10x10, say")
+        if spacing is not None and min(spacing) <= 0:
             raise BadInput(f"spacing is {self.spacing}", mend="give three positive lengths")
 
     @property
@@ -156,11 +157,6 @@ class DdgiSettings:
     def blended(self) -> int:
         """Rotated rays per probe, those that are blended."""
         return self.rays - self.fixed
-
-    @property
-    def placed(self) -> bool:
-        """Whether the volume's place is given."""
-        return self.origin != AUTO or self.spacing != AUTO
 
     @property
     def given_counts(self) -> Counts | None:
