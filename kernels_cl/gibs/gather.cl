@@ -62,7 +62,9 @@ inline float lanes_sum(vfloat v)
     return v;
 #else
 #if VEC == 16
-    const float8 a = v.lo + v.hi;
+    // Through memory rather than v.lo and v.hi, which Oclgrind takes for uninitialised at this width.
+    const float8 *half_of = (const float8 *)&v;
+    const float8 a = half_of[0] + half_of[1];
 #elif VEC == 8
     const float8 a = v;
 #endif
