@@ -25,7 +25,7 @@ from gibench.techniques.registry import BakeContext, CreateContext, find_techniq
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
 RECEIVERS, WIDTH, HEIGHT = 90, 18, 17
-SMALL = {"sh_order": 2, "probes": 3, "relight_samples": 40, "transport_rays": 24}
+SMALL = {"sh_order": 2, "probes": 3, "relight_samples": 40, "transport_rays": 24, "rays": 40}
 
 
 def record_kernels() -> set[str]:
@@ -77,6 +77,7 @@ def main(
     for frame in range(2):
         enqueue_frame(made, prepared, frame)
     made.images()
+    made.indirect_irradiance()
     print(*sorted(ran), sep="\n")
 
 

@@ -142,9 +142,8 @@ class Tuned:
         args: tuple[Argument, ...] = (
             *(*p.volume_args, *self._lists["distance"], self.rays, p.frame_key, p.distance),
         )
-        least = LEAST_WEIGHT ** (1 / s.distance_exponent)
         return [
-            self._weights("distance", s.distance_texels, True, least),
+            self._weights("distance", s.distance_texels, True, least_cosine(s)),
             Launch(program, "blend_distance", args, items=self._items(s.distance_texels)),
         ]
 
@@ -172,3 +171,13 @@ def lanes_of(vector_width: int, simd_width: int) -> int:
 def list_length(blended: int) -> int:
     """Room for a texel's list of rays."""
     return -(-blended // LIST_STEP) * LIST_STEP
+
+
+def least_cosine(settings: DdgiSettings) -> float:
+    """Cosine up to which a ray counts nothing for a distance texel."""
+    return float(LEAST_WEIGHT ** (1 / settings.distance_exponent))
+
+
+def distance_share(settings: DdgiSettings) -> float:
+    """Share of the rays that count for a distance texel: a spherical cap's of the sphere."""
+    return (1 - least_cosine(settings)) / 2

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibench.device import Buffer
-from gibench.techniques.ddgi.blending import Blending
+from gibench.techniques.ddgi.blending import Blending, distance_share
 from gibench.techniques.ddgi.probes import STORED, Probes
 from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, TILE_SIDE
@@ -84,7 +84,7 @@ class DdgiPasses:
                 "blend_distance",
                 self.blending.distance,
                 Work(
-                    flops=shaded / 2 * far * 2 * 2,
+                    flops=shaded * distance_share(s) * far * 2 * 2,
                     bytes_read=4 * shaded + p * far * 2 * width,
                     bytes_written=p * far * 2 * width,
                 ),
