@@ -47,8 +47,10 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const float *directions,
             }
             barrier(CLK_LOCAL_MEM_FENCE);
         }
+        const float4 mean = sum / (2.0f * fmax(sum.w, LEAST_WEIGHTS));
+        const float4 sample = powr(mean, (float4)(1.0f / GAMMA));
         if (texel < IRRADIANCE_TEXELS)
-            update_irradiance(probe, texel, sum, backs, !(state & PROBE_BLENDED), frame_key[0],
+            update_irradiance(probe, texel, sample.xyz, backs, !(state & PROBE_BLENDED), frame_key[0],
                               irradiance_maps, variability, accepted);
     }
 }

@@ -33,16 +33,16 @@ inline float luminance(float3 c)
     return 0.2126f * c.x + 0.7152f * c.y + 0.0722f * c.z;
 }
 
+// Least sum of weights that is divided by.
+#define LEAST_WEIGHTS (1e-9f * BLENDED)
+
 // The new value of an irradiance texel and its coefficient of variation.
-//   sum       of the rays' radiance times max(0, cosine), and of those weights
+//   sample    what this frame's rays say, encoded
 //   previous  the texel's value; without meaning in a fresh probe
 // RTXGI-DDGI 1.3.7, ProbeBlendingCS: a fall by more than IRRADIANCE_THRESHOLD takes 0.75 off the
 // hysteresis, a rise in luminance by more than BRIGHTNESS_THRESHOLD counts a quarter.
-inline float3 blend_irradiance_texel(float4 sum, float3 previous, bool fresh, float *variation)
+inline float3 blend_irradiance_texel(float3 sample, float3 previous, bool fresh, float *variation)
 {
-    const float3 mean = sum.xyz / (2.0f * fmax(sum.w, 1e-9f * BLENDED));
-    const float4 power = powr((float4)(mean, 0.0f), (float4)(1.0f / GAMMA));
-    const float3 sample = power.xyz;
     *variation = 0.0f;
     if (fresh)
         return sample;
@@ -63,12 +63,12 @@ inline float3 blend_irradiance_texel(float4 sum, float3 previous, bool fresh, fl
 
 inline float2 blend_distance_texel(float2 sum, float weights, float2 previous, bool fresh)
 {
-    const float2 mean = sum / fmax(weights, 1e-9f * BLENDED);
+    const float2 mean = sum / fmax(weights, LEAST_WEIGHTS);
     return fresh ? mean : mix(mean, previous, HYSTERESIS);
 }
 
 // Writes an irradiance texel and its variation, unless too many rays met backs.
-inline void update_irradiance(int probe, int texel, float4 sum, float backs, bool fresh, uint key,
+inline void update_irradiance(int probe, int texel, float3 sample, float backs, bool fresh, uint key,
                               __global map_t *irradiance_maps, __global float *variability,
                               __global int *accepted)
 {
@@ -79,7 +79,7 @@ inline void update_irradiance(int probe, int texel, float4 sum, float backs, boo
         return;
     const size_t at = map_texel(probe, texel, IRRADIANCE_SIDE);
     float variation;
-    const float3 result = blend_irradiance_texel(sum, map_load4(at, irradiance_maps).xyz, fresh,
+    const float3 result = blend_irradiance_texel(sample, map_load4(at, irradiance_maps).xyz, fresh,
                                                  &variation);
     const float4 stored = rounded4((float4)(result, 0.0f), key + (uint)at);
     map_store4(stored, at, irradiance_maps);

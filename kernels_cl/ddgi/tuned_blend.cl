@@ -113,18 +113,19 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
         blue1 += w1 * vec_load(0, row1 + 2 * LANES);
         weights1 += w1 * vec_load(0, row1 + 3 * LANES);
     }
-    float sums[4 * VEC];
-    vec_store(red + red1, 0, sums);
-    vec_store(green + green1, 0, sums + VEC);
-    vec_store(blue + blue1, 0, sums + 2 * VEC);
-    vec_store(weights + weights1, 0, sums + 3 * VEC);
+    const vfloat scale = 0.5f / fmax(weights + weights1, (vfloat)(LEAST_WEIGHTS));
+    const vfloat power = (vfloat)(1.0f / GAMMA);
+    float samples[3 * VEC];
+    vec_store(powr((red + red1) * scale, power), 0, samples);
+    vec_store(powr((green + green1) * scale, power), 0, samples + VEC);
+    vec_store(powr((blue + blue1) * scale, power), 0, samples + 2 * VEC);
     const int count = min(VEC, PROBES - probe);
     for (int lane = 0; lane < count; ++lane) {
         const int state = probe_state(probe_data, probe + lane);
         if (state & PROBE_ACTIVE) {
-            const float4 sum = (float4)(sums[lane], sums[VEC + lane], sums[2 * VEC + lane],
-                                        sums[3 * VEC + lane]);
-            update_irradiance(probe + lane, texel, sum, backs[probe + lane],
+            const float3 sample =
+                (float3)(samples[lane], samples[VEC + lane], samples[2 * VEC + lane]);
+            update_irradiance(probe + lane, texel, sample, backs[probe + lane],
                               !(state & PROBE_BLENDED), frame_key[0], irradiance_maps, variability,
                               accepted);
         }
