@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from gibench import __version__
-from gibench.cli import ab, bake, compare, devices, profiles, run, scenes, techniques
+from gibench.cli import ab, bake, compare, devices, profiles, quality, run, scenes, techniques
 from gibench.cli.options import paragraphs
 from gibench.errors import GibenchError, Interrupted
 
@@ -39,6 +39,7 @@ app = typer.Typer(
 )
 for command in (
     run.run,
+    quality.quality,
     bake.bake,
     ab.ab,
     compare.compare,

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from gibench.techniques.registry import TechniqueSpec
 
 GRID, OUTPUT = "What to run (repeat an option to make a grid)", "How and where"
+TRUTH = "The truth to compare with"
 MAX_IMAGE_PIXELS = 16384
 
 Profiles = Annotated[
@@ -158,6 +159,37 @@ DeviceNumber = Annotated[
         min=0,
         metavar="N",
         help="OpenCL device to execute on, as 'gibench devices' counts them.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+LightFrame = Annotated[
+    int,
+    typer.Option(
+        "--light-frame",
+        min=0,
+        metavar="N",
+        help="The lights stand still where they are in this frame.",
+        rich_help_panel=TRUTH,
+    ),
+]
+TargetError = Annotated[
+    float,
+    typer.Option(
+        "--target-error",
+        metavar="SHARE",
+        help="Path-trace until the mean standard error is this share of the mean irradiance; half "
+        "of it costs four times the time.",
+        rich_help_panel=TRUTH,
+    ),
+]
+SettleFrames = Annotated[
+    int,
+    typer.Option(
+        "--frames",
+        "-n",
+        min=1,
+        metavar="N",
+        help="Frames a technique runs at most until its indirect light stands still.",
         rich_help_panel=OUTPUT,
     ),
 ]

@@ -1,0 +1,1 @@
+"""Studies: error against the truth, advice for a budget, the papers' experiments."""

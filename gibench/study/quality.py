@@ -1,0 +1,325 @@
+"""``gibench quality``: techniques against the path-traced truth, on the same receivers."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from gibench.errors import BadInput, CannotRun, GibenchError
+from gibench.measure.configuration import Configuration
+from gibench.measure.environment import without_paths
+from gibench.measure.results import FAILED, OK, SKIPPED
+from gibench.measure.setup import LoopOptions
+from gibench.measure.view import choose_camera
+from gibench.reference.lights import Doubles
+from gibench.reference.metrics import Measure
+from gibench.reference.path_tracer import reference_irradiance
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Scene
+from gibench.study.errors import METRICS, Truth, errors
+from gibench.study.frozen import FrozenShared
+from gibench.study.receivers_file import read_reference
+from gibench.study.regions import WHOLE, Mask, read_regions
+from gibench.study.settle import Settled, SettleOptions, settle
+from gibench.study.through_camera import view
+
+DEFAULT_TARGET_ERROR = 0.02
+"""Mean standard error over mean irradiance; the bias over many receivers is known far better."""
+
+COLUMNS = (
+    *("technique", "scene", "settings", "bias", "rel_mse", "lab_l_mse", "flip", "time_ms"),
+    *("memory_bytes", "rel_l2", "ssim", "region"),
+    *(f"{name}_noise" for name in METRICS),
+    *("result", "variant", "profile", "workgroup_size", "sh_order", "probes", "surfels"),
+    *("receivers", "camera", "light_frame", "bounces", "reference_paths", "reference_error"),
+    *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
+)
+
+
+@dataclass(frozen=True)
+class QualityOptions:
+    """How techniques are compared with the truth.
+
+    Attributes:
+        loop: image, camera and seed.
+        settle: when a technique counts as settled.
+        bounces: of the reference; None for any number.
+        target_error: of the reference, mean standard error over mean irradiance.
+        regions: as typed (see :func:`gibench.study.regions.read_regions`).
+        reference: ``receivers.npz`` whose reference is taken instead of path tracing.
+        reference_seed: of the path tracer.
+    """
+
+    loop: LoopOptions
+    settle: SettleOptions = field(default_factory=SettleOptions)
+    bounces: int | None = None
+    target_error: float = DEFAULT_TARGET_ERROR
+    regions: tuple[str, ...] = ()
+    reference: Path | None = None
+    reference_seed: int = 1
+
+
+@dataclass
+class Group:
+    """Configurations on the same receivers: one ``receivers.npz``.
+
+    Attributes:
+        name: scene and receivers, for a folder.
+        scene: with standing lights.
+        lightmap: the receivers.
+        truth: the reference.
+        regions: masks by name.
+        about: what the reference is of.
+        results: (n, 3) irradiance by name.
+    """
+
+    name: str
+    scene: Scene
+    lightmap: Lightmap = field(repr=False)
+    truth: Truth = field(repr=False)
+    regions: dict[str, Mask] = field(repr=False)
+    about: dict[str, Any]
+    results: dict[str, Doubles] = field(default_factory=dict, repr=False)
+
+
+@dataclass
+class Outcome:
+    """What came out.
+
+    Attributes:
+        rows: of :data:`COLUMNS`; one per configuration and region.
+        groups: finished ones.
+        first_error: the first thing that went wrong.
+        interrupted: whether Ctrl-C ended it early.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    groups: list[Group] = field(default_factory=list)
+    first_error: GibenchError | None = None
+    interrupted: bool = False
+
+
+Take = Callable[[Group, str], None]
+
+
+def check_target_error(target: float) -> None:
+    """Refuse a target error that is never reached.
+
+    Raises:
+        BadInput: it is not a finite number above 0.
+    """
+    if not (math.isfinite(target) and target > 0):
+        raise BadInput(
+            f"a target error of {target:g} is never reached",
+            where="--target-error",
+            mend="give a relative error above 0, for instance 0.02",
+        )
+
+
+def compare(
+    configurations: Sequence[Configuration],
+    options: QualityOptions,
+    shared: FrozenShared,
+    cl_device: Any,
+    take: Take | None = None,
+) -> Outcome:
+    """Settle every configuration and compare it with the reference of its receivers.
+
+    Configurations that share receivers come next to each other, as ``grid`` has them. One that
+    cannot run is told in its row, and the others go on.
+
+    Args:
+        configurations: to compare.
+        options: how.
+        shared: scenes with standing lights.
+        cl_device: where techniques run.
+        take: called with the group and the result's name whenever a result is there.
+
+    Raises:
+        BadInput: the scene, camera, a region, the reference's file or its target error is wrong.
+    """
+    check_target_error(options.target_error)
+    for configuration in configurations:
+        scene = shared.scene(configuration.scene)
+        camera = choose_camera(scene, options.loop.camera)
+        read_regions(scene, camera, options.regions, options.loop.width, options.loop.height)
+    names = result_names(configurations)
+    outcome = Outcome()
+    try:
+        group, key = None, None
+        for configuration in configurations:
+            if group is None or key != (configuration.scene, configuration.receivers):
+                key = configuration.scene, configuration.receivers
+                group = group_of(configuration, options, shared)
+                outcome.groups.append(group)
+            name = names[configuration.number]
+            try:
+                settled = settle(configuration, options.settle, options.loop, shared, cl_device)
+            except GibenchError as error:
+                outcome.first_error = outcome.first_error or error
+                outcome.rows.append(_refused(configuration, group, options, shared, name, error))
+                continue
+            group.results[name] = settled.irradiance
+            outcome.rows += rows_of(settled, group, options, shared, name)
+            if take is not None:
+                take(group, name)
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+    return outcome
+
+
+def group_of(configuration: Configuration, options: QualityOptions, shared: FrozenShared) -> Group:
+    """The receivers of ``configuration`` and their reference, path-traced or from a file.
+
+    Raises:
+        BadInput: a target error, bounces, region or file that is wrong.
+    """
+    scene, loop = shared.scene(configuration.scene), options.loop
+    camera = choose_camera(scene, loop.camera)
+    receivers = configuration.receivers or scene.receivers
+    lightmap = shared.lightmap(configuration.scene, receivers)
+    about = {
+        "scene": scene.content_hash(),
+        "scene_name": scene.name,
+        "light": hashlib.sha256(repr(scene.lights).encode()).hexdigest(),
+        "light_frame": shared.light_frame,
+        "bounces": options.bounces,
+    }
+    if options.reference is not None:
+        stored = read_reference(options.reference, lightmap, about)
+        value, stderr, paths = stored.value, stored.stderr, stored.paths
+    else:
+        found = reference_irradiance(
+            scene,
+            lightmap,
+            bounces=options.bounces,
+            target_error=options.target_error,
+            seed=options.reference_seed,
+            store_dir=shared.cache_dir,
+        )
+        value, stderr, paths = found.value, found.stderr, found.paths
+    seen = view(scene, lightmap, camera, loop.width, loop.height)
+    truth = Truth.of(value, stderr, lightmap.receivers.area, seen)
+    masks = read_regions(scene, camera, options.regions, loop.width, loop.height)
+    about |= {"paths": paths, "camera": camera.name}
+    return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, about)
+
+
+def rows_of(
+    settled: Settled, group: Group, options: QualityOptions, shared: FrozenShared, name: str
+) -> list[dict[str, Any]]:
+    """One row of :data:`COLUMNS` per region."""
+    found = errors(group.truth, settled.irradiance, group.regions)
+    counts = settled.result.counts
+    common = _keys(settled.result.configuration, group, options, shared, name) | {
+        "time_ms": settled.times.median_ms,
+        "memory_bytes": settled.result.memory_bytes,
+        "probes": counts.get("probes"),
+        "surfels": counts.get("surfels"),
+        "frames": settled.frames,
+        "settled": settled.settled,
+        "change": settled.change,
+        "status": OK,
+        "reason": "" if settled.settled else _unsettled(settled),
+    }
+    return [
+        {**common, "region": region, **_figures(measures)} for region, measures in found.items()
+    ]
+
+
+def measure_of(row: dict[str, Any] | Any, metric: str) -> Measure:
+    """The metric of a row with its noise."""
+    perfect = 1.0 if metric == "ssim" else 0.0
+    return Measure(float(row[metric]), float(row[f"{metric}_noise"]), perfect)
+
+
+def settings_in_words(settings: Any) -> str:
+    """The settings that differ from the defaults, ``name=value`` joined by commas."""
+    changed = [
+        f"{item.name}={getattr(settings, item.name)}"
+        for item in fields(settings)
+        if getattr(settings, item.name) != item.default
+    ]
+    return ", ".join(changed) or "default"
+
+
+def result_names(configurations: Sequence[Configuration]) -> dict[int, str]:
+    """A name for every configuration's result, by its number.
+
+    The technique's own where it is the only one on its receivers, with more in words otherwise;
+    two never share one.
+    """
+    names: dict[int, str] = {}
+    for mine in configurations:
+        others = [
+            c
+            for c in configurations
+            if c.spec.name == mine.spec.name
+            and (c.scene, c.receivers) == (mine.scene, mine.receivers)
+        ]
+        parts = [mine.spec.name]
+        for differs in (
+            lambda c: settings_in_words(c.settings),
+            lambda c: c.variant,
+            lambda c: c.profile.name,
+            lambda c: f"work-group {c.workgroup_size}",
+        ):
+            if len({differs(other) for other in others}) > 1:
+                parts.append(differs(mine))
+        names[mine.number] = ", ".join(parts)
+    return names
+
+
+def _figures(measures: dict[str, Measure]) -> dict[str, float]:
+    values = {name: measures[name].value for name in METRICS}
+    return values | {f"{name}_noise": measures[name].noise for name in METRICS}
+
+
+def _keys(
+    configuration: Configuration,
+    group: Group,
+    options: QualityOptions,
+    shared: FrozenShared,
+    name: str,
+) -> dict[str, Any]:
+    return {
+        "technique": configuration.spec.name,
+        "scene": group.scene.name,
+        "settings": settings_in_words(configuration.settings),
+        "result": name,
+        "variant": configuration.variant,
+        "profile": configuration.profile.name,
+        "workgroup_size": configuration.workgroup_size,
+        "sh_order": configuration.sh_order,
+        "receivers": len(group.lightmap.receivers),
+        "camera": group.about["camera"],
+        "light_frame": shared.light_frame,
+        "bounces": options.bounces,
+        "reference_paths": group.about["paths"],
+        "reference_error": group.truth.relative_error,
+        "memory_budget_bytes": configuration.profile.memory_budget_bytes,
+    }
+
+
+def _refused(
+    configuration: Configuration,
+    group: Group,
+    options: QualityOptions,
+    shared: FrozenShared,
+    name: str,
+    error: GibenchError,
+) -> dict[str, Any]:
+    status = SKIPPED if isinstance(error, CannotRun) else FAILED
+    keys = _keys(configuration, group, options, shared, name)
+    return {**keys, "region": WHOLE, "status": status, "reason": without_paths(str(error))}
+
+
+def _unsettled(settled: Settled) -> str:
+    return (
+        f"not settled after {settled.frames} frames: the mean irradiance still moved by "
+        f"{100 * settled.change:+.2g} % while they doubled"
+    )
