@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gibench.cli import options
-from gibench.errors import CannotRun, CheckFailed, Interrupted
+from gibench.errors import CannotRun, CheckFailed, GibenchError, Interrupted
 
 if TYPE_CHECKING:
     from gibench.measure.loop import Outcome
@@ -28,26 +28,35 @@ def run(
     workgroup_size: options.WorkgroupSizes = None,
     settings: options.Set = None,
     frames: Annotated[
-        int,
+        int | None,
         typer.Option(
             "--frames",
             "-n",
             min=1,
             metavar="N",
-            help="Frames measured per configuration. More steady the percentiles.",
+            help="Frames measured per configuration, exactly; by default 30 to 500, until the "
+            "median frame time is known to 5 % or 30 seconds are over.",
             rich_help_panel=options.OUTPUT,
         ),
-    ] = 30,
+    ] = None,
     warmup: Annotated[
-        int,
+        int | None,
         typer.Option(
             "--warmup",
             min=0,
             metavar="N",
-            help="Frames run first and not recorded: kernels are built and caches filled in them.",
+            help="Frames run first and not recorded, exactly; by default until times have settled.",
             rich_help_panel=options.OUTPUT,
         ),
-    ] = 3,
+    ] = None,
+    cold: Annotated[
+        bool,
+        typer.Option(
+            "--cold",
+            help="Empty the caches before every frame, as the rest of an application would.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = False,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
     fit: Annotated[
@@ -99,12 +108,15 @@ def run(
       gibench run --device-profile iphone7 --scene hall --receivers 200000 --fit --save-images
     """
     from gibench.device.device import select_cl_device
+    from gibench.measure.cold import CacheFlush
     from gibench.measure.configuration import grid
-    from gibench.measure.loop import LoopOptions, run_configurations
+    from gibench.measure.loop import run_configurations
     from gibench.measure.record import begin_record, finish_record
     from gibench.measure.roofs import measure_roofs
     from gibench.measure.run_folder import RunFolder, default_folder
+    from gibench.measure.setup import LoopOptions
     from gibench.measure.shared import Shared
+    from gibench.measure.stopping import Plan
     from gibench.measure.view import choose_camera
 
     # Everything that can be wrong is found before anything long.
@@ -115,27 +127,40 @@ def run(
     configurations = grid(profiles, specs, asked)
     cache = options.cache_folder(cache_dir)
     cl_device = select_cl_device(device)
-    loop = LoopOptions(frames, warmup, width, height, camera, fit, seed)
+    plan = Plan(frames=frames, warmup=warmup)
+    loop = LoopOptions(plan, width, height, camera, fit, seed)
     shared = Shared(cache, seed)
     for name in asked.scenes:
         choose_camera(shared.scene(name), camera)
     arguments = _arguments(locals())
     folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
 
+    flush = CacheFlush(profiles[0], cl_device) if cold else None
+    roofs = measure_roofs(profiles[0], cl_device)
     record = begin_record(
-        arguments, profiles, loop, cl_device, measure_roofs(profiles[0], cl_device)
+        arguments, profiles, loop, cl_device, roofs, flush.facts if flush else None
     )
     folder.write_record(record)
     writer = _image_writer(folder.path) if save_images else None
-    outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer)
-    after = None if outcome.interrupted else measure_roofs(profiles[0], cl_device)
+    outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer, flush)
+    after = None if outcome.ended else measure_roofs(profiles[0], cl_device)
     record = finish_record(record, outcome, shared, after)
-    folder.write_record(record)
-    write_tables(folder, record, show=not quiet and outcome.samples > 0)
+    _write_what_is_known(folder, record, outcome, show=not quiet and outcome.samples > 0)
     if not quiet and outcome.samples:
         ran = sum(result.frames > 0 for result in outcome.results)
         typer.echo(f"{ran} of {len(outcome.results)} configurations ran; see {folder.path}")
     _conclude(outcome, folder.path)
+
+
+def _write_what_is_known(
+    folder: Any, record: dict[str, Any], outcome: Outcome, *, show: bool
+) -> None:
+    """Write the record and the tables; where the disk refuses, the outcome says so."""
+    try:
+        folder.write_record(record)
+        write_tables(folder, record, show=show)
+    except GibenchError as error:
+        outcome.write_error = outcome.write_error or error
 
 
 def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
@@ -179,6 +204,9 @@ def _conclude(outcome: Outcome, folder: Path) -> None:
     """
     if outcome.interrupted:
         raise Interrupted(f"interrupted; {outcome.samples:,} samples are kept in {folder}")
+    if outcome.write_error is not None:
+        kept = f"{outcome.samples:,} samples are kept in {folder}"
+        raise GibenchError(f"{outcome.write_error.what}; {kept}", where=outcome.write_error.where)
     first = outcome.first_error
     if outcome.samples == 0 and first is not None:
         raise first
@@ -197,7 +225,7 @@ def _arguments(given: dict[str, Any]) -> dict[str, Any]:
     """The options for the record: files by base name, folders not at all."""
     names = (
         *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
-        *("workgroup_size", "settings", "frames", "warmup", "resolution", "camera", "fit"),
+        *("workgroup_size", "settings", "frames", "warmup", "cold", "resolution", "camera", "fit"),
         *("save_images", "seed", "device"),
     )
     arguments = {name: given[name] for name in names}

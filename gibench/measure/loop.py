@@ -1,56 +1,38 @@
-"""The frame loop: every configuration set up, warmed up, run and recorded."""
+"""The frame loop: configurations set up, warmed up, run in turns and recorded."""
 
 from __future__ import annotations
 
 import gc
 import traceback
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from importlib.resources.abc import Traversable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
+from gibench.measure.cold import CacheFlush
 from gibench.measure.configuration import Configuration
 from gibench.measure.enqueue import FrameTimes, PreparedPass, enqueue_frame, prepare_passes
 from gibench.measure.environment import without_paths
-from gibench.measure.fit import FEWEST_RECEIVERS, Footprint, measure_demand
 from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult, PassResult
 from gibench.measure.run_folder import RunFolder
+from gibench.measure.setup import LoopOptions, set_up
 from gibench.measure.shared import Shared
 from gibench.measure.view import choose_camera
 from gibench.progress import progress
-from gibench.techniques.registry import CreateContext
-from gibench.techniques.technique import HasNotes, Technique
+from gibench.techniques.technique import Technique
 
 TakeImages = Callable[[ConfigurationResult, dict[str, Any]], None]
 
-
-@dataclass(frozen=True)
-class LoopOptions:
-    """How configurations are run.
-
-    Attributes:
-        frames: measured per configuration, at least 1.
-        warmup: run before them and not recorded.
-        width: of the camera image, pixels.
-        height: of the camera image, pixels.
-        camera: number or name; None for the scene's first.
-        fit: lower the receivers until a configuration fits its profile.
-        seed: of every random choice.
-        kernel_root: another kernel tree than the installed one.
-    """
-
-    frames: int = 30
-    warmup: int = 3
-    width: int = 1334
-    height: int = 750
-    camera: str | None = None
-    fit: bool = False
-    seed: int = 0
-    kernel_root: Traversable | None = None
+BLOCK = 5
+"""Frames a configuration runs before the next one's turn: caches are its own again after one."""
+MOST_ALIVE = 8
+"""Configurations that take turns at most."""
+ALIVE_SHARE = 0.25
+"""Share of the free host memory (and of the device's) that they may take together."""
 
 
 @dataclass
@@ -61,16 +43,61 @@ class Outcome:
         results: one per configuration, in order.
         interrupted: whether Ctrl-C ended it early.
         samples: stored, over all configurations.
+        write_error: why samples could not be stored any more, which ended it early.
     """
 
     results: list[ConfigurationResult]
     interrupted: bool = False
     samples: int = 0
+    write_error: GibenchError | None = None
 
     @property
     def first_error(self) -> BaseException | None:
         """The first thing that went wrong, if anything did."""
         return next((r.error for r in self.results if r.error is not None), None)
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing further is to be run."""
+        return self.interrupted or self.write_error is not None
+
+
+@dataclass
+class Live:
+    """A configuration that is set up on its device.
+
+    Attributes:
+        warming_ms: wall times of its warm-up frames.
+        walls_ms: wall times of the frames that count.
+        rows: samples not stored yet.
+    """
+
+    result: ConfigurationResult
+    device: Device
+    technique: Technique
+    prepared: Sequence[PreparedPass]
+    warming_ms: list[float] = field(default_factory=list)
+    walls_ms: list[float] = field(default_factory=list)
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has any pass to run."""
+        return any(p.status == OK for p in self.prepared)
+
+
+@dataclass
+class Loop:
+    """What all configurations of a run have in common."""
+
+    options: LoopOptions
+    shared: Shared
+    cl_device: Any
+    folder: RunFolder
+    outcome: Outcome
+    take_images: TakeImages | None
+    flush: CacheFlush | None
+    rng: np.random.Generator
 
 
 def run_configurations(
@@ -80,15 +107,27 @@ def run_configurations(
     cl_device: Any,
     folder: RunFolder,
     take_images: TakeImages | None = None,
+    flush: CacheFlush | None = None,
 ) -> Outcome:
     """Run every configuration; samples go to ``folder`` as they come.
 
-    One that cannot run is recorded with its reason and the others go on. Ctrl-C ends the run; what
-    was measured until then is kept.
+    As many as fit into memory are alive at once and take turns in blocks of frames, in an order
+    drawn anew every round under the seed, so that a drift of the machine does not favour the last.
+    One that cannot run is recorded with its reason and the others go on. Ctrl-C or a full disk ends
+    the run; what was measured until then is kept.
+
+    Args:
+        configurations: to run, those that share a bake next to each other.
+        options: how.
+        shared: what is baked.
+        cl_device: the OpenCL device.
+        folder: where samples go.
+        take_images: is given every finished configuration's images.
+        flush: is called before every frame, where caches are to be cold.
 
     Raises:
         BadInput: a scene or its camera is wrong, told before anything long.
-        GibenchError: the samples cannot be written.
+        GibenchError: not even the head of the samples can be written.
     """
     names = {}
     for configuration in configurations:
@@ -97,145 +136,162 @@ def run_configurations(
         names[configuration.scene] = scene.name
     outcome = Outcome([])
     folder.start_samples()
+    rng = np.random.default_rng(options.seed)
+    loop = Loop(options, shared, cl_device, folder, outcome, take_images, flush, rng)
+    alive: list[Live] = []
+    group = 1
     for configuration in configurations:
-        result = ConfigurationResult(configuration, names[configuration.scene], options.warmup)
+        result = ConfigurationResult(configuration, names[configuration.scene], group=group)
         outcome.results.append(result)
-        if outcome.interrupted:
-            result.refuse(SKIPPED, "not reached: the run was interrupted")
+        if outcome.ended:
+            result.refuse(SKIPPED, _not_reached(outcome))
             continue
-        rows: list[tuple[Any, ...]] = []
-        try:
-            _run(result, options, shared, cl_device, rows, take_images)
-        except KeyboardInterrupt:
-            outcome.interrupted = True
-            result.refuse(
-                OK if result.frames else SKIPPED,
-                f"interrupted after {result.frames} of {options.frames} frames",
-            )
-        except CannotRun as error:
-            result.refuse(SKIPPED, without_paths(str(error)), error)
-        except GibenchError as error:
-            result.refuse(FAILED, without_paths(str(error)), error)
-        except Exception as error:  # a fault in one configuration must not cost the others
-            reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            result.refuse(FAILED, without_paths(reason), error)
-        finally:
-            folder.append_samples(rows)
-            outcome.samples += len(rows)
-            if result.error is not None:  # its frames would hold the device's buffers
-                traceback.clear_frames(result.error.__traceback__)
-            gc.collect()  # the device's buffers go before the next configuration's come
+        with _guarded(loop, result):
+            alive.append(_bring_up(loop, result))
+        if outcome.ended or _full(alive, cl_device):
+            _take_turns(loop, alive)
+            alive, group = [], group + 1
+    _take_turns(loop, alive)
     return outcome
 
 
-def _run(
-    result: ConfigurationResult,
-    options: LoopOptions,
-    shared: Shared,
-    cl_device: Any,
-    rows: list[tuple[Any, ...]],
-    take_images: TakeImages | None,
-) -> None:
-    device, technique = set_up(result, options, shared, cl_device)
+def _not_reached(outcome: Outcome) -> str:
+    why = "the run was interrupted" if outcome.interrupted else "samples could not be stored"
+    return f"not reached: {why}"
+
+
+def _full(alive: Sequence[Live], cl_device: Any) -> bool:
+    import psutil
+
+    there = min(int(psutil.virtual_memory().available), int(cl_device.global_mem_size))
+    taken = sum(live.device.memory.peak_bytes for live in alive)
+    return len(alive) >= MOST_ALIVE or taken > ALIVE_SHARE * there
+
+
+@contextmanager
+def _guarded(loop: Loop, result: ConfigurationResult) -> Iterator[None]:
+    """Whatever goes wrong inside becomes the configuration's reason; the others go on."""
     try:
-        prepared = prepare_passes(technique, result.configuration.workgroup_size)
-        result.counts = dict(technique.counts())
-        result.passes = [
-            PassResult(p.name, p.work, p.status, without_paths(p.problem or result.reason))
-            for p in prepared
-        ]
-        complete = all(p.status == OK for p in prepared)
-        if any(p.status == OK for p in prepared):
-            _frames(result, options, technique, prepared, rows)
-        result.memory_bytes = device.memory.peak_bytes
-        if not complete:
-            _tell_of_missing_passes(result, prepared)
-            return
-        _check_output(technique)
-        if take_images is not None:
-            take_images(result, technique.images())
-    finally:
-        device.queue.finish()
+        yield
+    except KeyboardInterrupt:
+        loop.outcome.interrupted = True
+        _mark_interrupted(result, loop.options)
+    except CannotRun as error:
+        result.refuse(SKIPPED, without_paths(str(error)), error)
+    except GibenchError as error:
+        result.refuse(FAILED, without_paths(str(error)), error)
+    except Exception as error:  # a fault in one configuration must not cost the others
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        result.refuse(FAILED, without_paths(reason), error)
+    if result.error is not None:  # its frames would hold the device's buffers
+        traceback.clear_frames(result.error.__traceback__)
+        gc.collect()
 
 
-def set_up(
-    result: ConfigurationResult, options: LoopOptions, shared: Shared, cl_device: Any
-) -> tuple[Device, Technique]:
-    """A fresh device held to the profile, and the technique on it.
-
-    What a reader must know about the configuration is noted in ``result``.
-
-    Raises:
-        CannotRun: it does not fit the profile (with ``fit``: at no number of receivers).
-    """
-    configuration = result.configuration
-    spec, settings, profile = configuration.spec, configuration.settings, configuration.profile
-    scene = shared.scene(configuration.scene)
-    camera = choose_camera(scene, options.camera)
-    result.camera = camera.name
-    asked = receivers = configuration.receivers or scene.receivers
-    result.receivers_asked = asked
-    footprint = Footprint(spec, scene, settings, options.width, options.height, profile)
-    if options.fit:
-        receivers = footprint.most_receivers(asked) or asked
-    footprint.check(receivers)
-    while True:
-        lightmap, baked = shared.baked(spec, settings, configuration.scene, receivers)
-        context = CreateContext(
-            device=Device(profile, cl_device, options.kernel_root),
-            scene=scene,
-            lightmap=lightmap,
-            settings=settings,
-            baked=baked,
-            variant=configuration.variant,
-            workgroup_size=configuration.workgroup_size,
-            width=options.width,
-            height=options.height,
-            camera=camera,
-            seed=options.seed,
-        )
-        try:
-            technique = spec.create(context)
-            break
-        except CannotRun as error:
-            demand = measure_demand(spec, context)
-            fewer = demand.receivers_that_fit(profile, receivers) if demand else 0
-            if not options.fit or fewer < FEWEST_RECEIVERS:
-                raise demand.refusal(spec, scene, profile, receivers) if demand else error from None
-            receivers = fewer
-    if receivers != asked:
-        result.reason = f"fitted: aims for {receivers:,} receivers instead of {asked:,}"
-        result.notes.append(f"{result.reason}, so that it fits profile {profile.name}")
-    if isinstance(technique, HasNotes):
-        result.notes += technique.notes()
-    return context.device, technique
+def _mark_interrupted(result: ConfigurationResult, options: LoopOptions) -> None:
+    asked = options.plan.frames
+    of = "" if asked is None else f" of {asked}"
+    result.refuse(OK if result.frames else SKIPPED, f"interrupted after {result.frames}{of} frames")
 
 
-def _frames(
-    result: ConfigurationResult,
-    options: LoopOptions,
-    technique: Technique,
-    prepared: Sequence[PreparedPass],
-    rows: list[tuple[Any, ...]],
-) -> None:
-    """Warm up and measure; one row per pass and frame."""
-    keys = tuple(result.keys().values())
-    counts = result.counts
-    title = result.configuration.label(result.scene)
-    with progress(title, options.warmup + options.frames) as advance:
-        for frame in range(options.warmup + options.frames):
-            times = enqueue_frame(technique, prepared, frame)
-            if frame >= options.warmup:
-                rows.extend(_rows(keys, counts, times, frame, result.configuration.number))
-                result.frames += 1
-            advance(1)
+def _bring_up(loop: Loop, result: ConfigurationResult) -> Live:
+    device, technique = set_up(result, loop.options, loop.shared, loop.cl_device)
+    prepared = prepare_passes(technique, result.configuration.workgroup_size)
+    result.counts = dict(technique.counts())
+    result.passes = [
+        PassResult(p.name, p.work, p.status, without_paths(p.problem or result.reason))
+        for p in prepared
+    ]
+    result.memory_bytes = device.memory.peak_bytes
+    return Live(result, device, technique, prepared)
 
 
-def _rows(
-    keys: tuple[Any, ...], counts: dict[str, int], times: FrameTimes, frame: int, number: int
-) -> list[tuple[Any, ...]]:
-    tail = (counts.get("probes"), counts.get("receivers"), f"{times.wall_ms:.6f}", number)
-    return [(*keys, name, frame, f"{ms:.6f}", *tail) for name, ms in times.pass_ms.items()]
+def _take_turns(loop: Loop, alive: list[Live]) -> None:
+    """Warm up and measure the configurations of a group, then let go of their devices."""
+    outcome = loop.outcome
+    title = alive[0].result.configuration.label(alive[0].result.scene) if alive else ""
+    if len(alive) > 1:
+        title = f"{len(alive)} configurations in turns"
+    active = list(alive)
+    with progress(title, loop.options.plan.expected * len(active)) as advance:
+        while active and not outcome.ended:
+            for turn in loop.rng.permutation(len(active)):
+                live, over = active[turn], True
+                with _guarded(loop, live.result):
+                    over = not live.runs or _block(loop, live, advance)
+                    if over:
+                        _finish(loop, live)
+                _store(loop, live)
+                if outcome.ended:
+                    break
+                if over:
+                    active[turn] = None  # type: ignore[call-overload]
+            active = [live for live in active if live is not None]
+    for live in active:
+        if outcome.interrupted and not live.result.reason:
+            _mark_interrupted(live.result, loop.options)
+        elif outcome.write_error is not None:
+            live.result.refuse(FAILED, str(outcome.write_error), outcome.write_error)
+    for live in alive:
+        live.device.queue.finish()
+    alive.clear()
+    active.clear()
+    gc.collect()  # the devices' buffers go before the next group's come
+
+
+def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
+    """Run one block of frames; whether the configuration is measured enough."""
+    plan, result = loop.options.plan, live.result
+    for _ in range(BLOCK):
+        warm = plan.warm(live.warming_ms)
+        if loop.flush is not None:
+            loop.flush()
+        frame = len(live.warming_ms) + len(live.walls_ms)
+        times = enqueue_frame(live.technique, live.prepared, frame)
+        advance(1)
+        if not warm:
+            live.warming_ms.append(times.wall_ms)
+            result.warmup = len(live.warming_ms)
+            continue
+        live.walls_ms.append(times.wall_ms)
+        live.rows.extend(_rows(result, times, frame))
+        result.frames += 1
+        if why := plan.enough(live.walls_ms):
+            result.stopped = why
+            return True
+    return False
+
+
+def _rows(result: ConfigurationResult, times: FrameTimes, frame: int) -> list[tuple[Any, ...]]:
+    """One row per pass."""
+    keys, counts = tuple(result.keys().values()), result.counts
+    tail = (counts.get("probes"), counts.get("receivers"), f"{times.wall_ms:.6f}")
+    return [
+        (*keys, name, frame, f"{ms:.6f}", *tail, result.configuration.number)
+        for name, ms in times.pass_ms.items()
+    ]
+
+
+def _store(loop: Loop, live: Live) -> None:
+    """Append the samples; a disk that refuses ends the run."""
+    try:
+        loop.folder.append_samples(live.rows)
+        loop.outcome.samples += len(live.rows)
+    except GibenchError as error:
+        loop.outcome.write_error = error
+        live.result.refuse(FAILED, without_paths(str(error)), error)
+    live.rows.clear()
+
+
+def _finish(loop: Loop, live: Live) -> None:
+    result = live.result
+    result.memory_bytes = live.device.memory.peak_bytes
+    if any(p.status != OK for p in live.prepared):
+        _tell_of_missing_passes(result, live.prepared)
+        return
+    _check_output(live.technique)
+    if loop.take_images is not None:
+        loop.take_images(result, live.technique.images())
 
 
 def _tell_of_missing_passes(result: ConfigurationResult, prepared: Sequence[PreparedPass]) -> None:

@@ -8,9 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from gibench.measure.cold import ColdFacts
 from gibench.measure.environment import device_record, environment, versions, without_paths
-from gibench.measure.loop import LoopOptions, Outcome
+from gibench.measure.loop import Outcome
 from gibench.measure.run_folder import SCHEMA_VERSION
+from gibench.measure.setup import LoopOptions
 from gibench.measure.shared import Shared
 from gibench.measure.statistics import Roofs
 from gibench.profiles import DeviceProfile
@@ -22,8 +24,9 @@ def begin_record(
     options: LoopOptions,
     cl_device: Any,
     roofs: Roofs,
+    cold: ColdFacts | None = None,
 ) -> dict[str, Any]:
-    """What is known before the first configuration."""
+    """What is known before the first configuration; ``cold`` where caches are emptied."""
     return {
         "schema_version": SCHEMA_VERSION,
         "finished": False,
@@ -32,6 +35,8 @@ def begin_record(
         "arguments": dict(arguments),
         "seed": options.seed,
         "image": {"width": options.width, "height": options.height},
+        "plan": asdict(options.plan),
+        "cold": cold.record() if cold else None,
         "versions": versions(),
         "environment": environment(),
         "device": device_record(cl_device),
@@ -50,6 +55,7 @@ def finish_record(
         **record,
         "finished": True,
         "interrupted": outcome.interrupted,
+        "write_error": None if outcome.write_error is None else outcome.write_error.what,
         "finished_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
         "roofs": {
             "start": record["roofs"]["start"],

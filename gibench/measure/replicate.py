@@ -92,8 +92,8 @@ def serve(spec: ReplicateSpec, commands: TextIO, answers: TextIO) -> None:
 
     from gibench.device.device import select_cl_device
     from gibench.measure.enqueue import enqueue_frame, prepare_passes
-    from gibench.measure.loop import LoopOptions, set_up
     from gibench.measure.results import ConfigurationResult
+    from gibench.measure.setup import LoopOptions, set_up
     from gibench.measure.shared import Shared
 
     configuration = spec.configuration()

@@ -34,14 +34,19 @@ class ConfigurationResult:
         reason: why it is not ``ok``, or what a reader must know.
         counts: probes, receivers, surfels as the technique has them.
         receivers_asked: what was aimed for before ``--fit``.
+        group: configurations of one group took turns.
+        warmup: frames run before those that count.
         frames: measured.
+        stopped: why no further frame was measured.
         memory_bytes: the most that was allocated at once.
         notes: for the report.
     """
 
     configuration: Configuration
     scene: str
+    group: int = 1
     warmup: int = 0
+    stopped: str = ""
     status: str = OK
     reason: str = ""
     passes: list[PassResult] = field(default_factory=list)
@@ -84,6 +89,8 @@ class ConfigurationResult:
             "receivers_asked": self.receivers_asked,
             "frames": self.frames,
             "warmup": self.warmup,
+            "stopped": self.stopped,
+            "group": self.group,
             "camera": self.camera,
             "memory_bytes": self.memory_bytes,
             "memory_budget_bytes": self.configuration.profile.memory_budget_bytes,

@@ -39,6 +39,7 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         *_passes(passes, frames),
         "## The machine's roofs",
         _roofs_section(record),
+        *_how(record, passes, frames),
         *_notes(record, frames),
         "## What the figures say, and what they do not",
         _meaning(record),
@@ -142,6 +143,49 @@ def _roofs_section(record: Mapping[str, Any]) -> str:
         "rays that run together can pass it, rays in a large scene cannot reach it. Data that stay "
         "in the cache can pass the bandwidth roof.\n\n" + _table(("roof", "start", "end"), rows)
     )
+
+
+def _how(record: Mapping[str, Any], passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
+    """How the samples were taken, and what they suffer from."""
+    entries = record["configurations"]
+    lines = [_turns(entries)]
+    for why in dict.fromkeys(entry.get("stopped", "") for entry in entries):
+        if why:
+            count = sum(entry.get("stopped") == why for entry in entries)
+            lines.append(f"{count} of {len(entries)} configurations ended with {why}.")
+    if cold := record.get("cold"):
+        covered = "twice" if cold["covered"] else "only in part"
+        lines.append(
+            f"Caches were emptied before every frame by streaming {cold['streamed_bytes'] >> 20:,} "
+            f"MiB; the {cold['cache_bytes'] >> 20:,} MiB last-level cache that the device reports "
+            f"are covered {covered}."
+        )
+    for _, frame in frames.iterrows():
+        title = f"{heading(frame)}, profile {frame['profile']}"
+        mine = passes[passes["configuration"] == frame["configuration"]]
+        rows = [("frame", frame), *((row["pass"], row) for _, row in mine.iterrows())]
+        for name, row in rows:
+            told = [row["remarks"]] if isinstance(row["remarks"], str) and row["remarks"] else []
+            if not pd.isna(row["outliers"]) and row["outliers"]:
+                told.append(f"{row['outliers']} of {row['frames']} times are outliers (kept)")
+            if told:
+                lines.append(f"{title}: {name}: {'; '.join(told)}.")
+    lines = [line for line in lines if line]
+    return ["## How it was measured", "\n".join(f"- {line}" for line in lines)] if lines else []
+
+
+def _turns(entries: Sequence[Mapping[str, Any]]) -> str:
+    groups: dict[int, list[str]] = {}
+    for entry in entries:
+        groups.setdefault(entry.get("group", 1), []).append(str(entry["configuration"]))
+    together = [numbers for numbers in groups.values() if len(numbers) > 1]
+    if not together:
+        return ""
+    told = "; ".join(" ".join(numbers) for numbers in together)
+    text = f"Configurations took turns in blocks of frames, in random order: {told}."
+    if len(groups) > 1:
+        text += " These groups ran one after the other, for want of memory for all at once."
+    return text
 
 
 def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:

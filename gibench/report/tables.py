@@ -7,8 +7,10 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
+from gibench.measure.diagnostics import health
 from gibench.measure.run_folder import KEYS
 from gibench.measure.statistics import (
     NAN,
@@ -19,6 +21,7 @@ from gibench.measure.statistics import (
     per_second,
     summarize,
 )
+from gibench.measure.stopping import median_interval
 from gibench.techniques.technique import Work
 
 PASS_COLUMNS = (
@@ -27,6 +30,7 @@ PASS_COLUMNS = (
     *("mean_ms", "median_ms", "stdev_ms", "p95_ms", "p99_ms", "min_ms", "max_ms"),
     *("bytes", "flops", "rays", "gb_per_s", "gflop_per_s", "mrays_per_s", "roofline_fraction"),
     *("status", "reason", "configuration"),
+    *("ci_low_ms", "ci_high_ms", "outliers", "remarks"),
 )
 FRAME_COLUMNS = (
     *KEYS,
@@ -34,8 +38,17 @@ FRAME_COLUMNS = (
     *("mean_ms", "median_ms", "p95_ms", "p99_ms", "min_ms", "fps", "real_time"),
     *("memory_bytes", "memory_budget_bytes", "status", "reason"),
     *("device_ms", "gap_ms", "warmup", "configuration"),
+    *("ci_low_ms", "ci_high_ms", "outliers", "stopped", "remarks"),
 )
-_WHOLE = ("sh_order", "surfels", "probes", "receivers", "workgroup_size", "configuration")
+_WHOLE = (
+    "sh_order",
+    "surfels",
+    "probes",
+    "receivers",
+    "workgroup_size",
+    "configuration",
+    "outliers",
+)
 _WORK = ("flops", "bytes_read", "bytes_written", "rays", "atomics")
 
 
@@ -60,7 +73,8 @@ def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     rows = []
     for entry in record["configurations"]:
         for item in entry["passes"]:
-            summary = summarize(times.get((entry["configuration"], item["pass"]), np.empty(0)))
+            mine = times.get((entry["configuration"], item["pass"]), np.empty(0))
+            summary = summarize(mine)
             work = Work(**{name: item[name] for name in _WORK})
             nbytes = work.bytes_read + work.bytes_written
             median = summary.median_ms
@@ -68,6 +82,7 @@ def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
                 {
                     **entry,
                     **asdict(summary),
+                    **_steadiness(mine),
                     "pass": item["pass"],
                     "frames": summary.count,
                     "bytes": nbytes,
@@ -103,9 +118,11 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
         times = frames[frames.index.get_level_values(0) == entry["configuration"]]
         row = {**entry, **asdict(summarize([])), "frames": len(times)}
         if len(times) and all(item["status"] == "ok" for item in entry["passes"]):
-            summary = summarize(times["wall"].to_numpy(np.float64))
+            walls = times["wall"].to_numpy(np.float64)
+            summary = summarize(walls)
             row |= {
                 **asdict(summary),
+                **_steadiness(walls),
                 "fps": 1e3 / summary.median_ms,
                 "real_time": bool(summary.median_ms <= REAL_TIME_MS),
                 "device_ms": float(times["device"].median()),
@@ -113,6 +130,18 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
             }
         rows.append(row)
     return _frame(rows, FRAME_COLUMNS)
+
+
+def _steadiness(times_ms: npt.NDArray[np.float64]) -> dict[str, Any]:
+    """How well the median is known (95 %) and what the times suffer from."""
+    found = health(times_ms)
+    low, high = median_interval(times_ms) if len(times_ms) else (NAN, NAN)
+    return {
+        "ci_low_ms": low,
+        "ci_high_ms": high,
+        "outliers": found.outliers,
+        "remarks": "; ".join(found.in_words()),
+    }
 
 
 def csv_text(table: pd.DataFrame) -> str:
