@@ -227,6 +227,15 @@ def test_the_demand_scales_to_both_limits() -> None:
     assert Demand(1000, 400).receivers_that_fit(profile, 1000) == 242
 
 
+def test_what_receivers_do_not_change_is_not_scaled() -> None:
+    profile = replace(IPHONE, memory_budget_bytes=1000, max_buffer_bytes=100)
+    # 600 of 2000 bytes are fixed: 400 of the other 1400 fit.
+    assert Demand(2000, 100, 600, 90).receivers_that_fit(profile, 1000) == int(970 * 400 / 1400)
+    # The image alone is larger than any buffer may be, or the scene fills the budget.
+    assert Demand(2000, 200, 600, 101).receivers_that_fit(profile, 1000) == 0
+    assert Demand(2000, 100, 1200, 90).receivers_that_fit(profile, 1000) == 0
+
+
 def test_a_camera_by_number_or_name() -> None:
     scene = build("cornell-box")
     assert choose_camera(scene, None) is scene.cameras[0]

@@ -9,6 +9,7 @@ from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.profiles import DeviceProfile
 from gibench.scene.model import Scene
+from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.registry import CreateContext, TechniqueSpec
 
 FEWEST_RECEIVERS = 64
@@ -72,17 +73,33 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Demand:
-    """What a technique really allocates when no profile stops it, bytes."""
+    """What a technique really allocates when no profile stops it, bytes.
+
+    Attributes:
+        total: all buffers together.
+        largest: the largest buffer.
+        fixed_total: what of ``total`` no number of receivers changes: scene and image.
+        fixed_largest: the largest buffer of that part.
+    """
 
     total: int
     largest: int
+    fixed_total: int = 0
+    fixed_largest: int = 0
 
     def receivers_that_fit(self, profile: DeviceProfile, receivers: int) -> int:
-        """About how many of ``receivers`` would fit, taking all memory in proportion to them."""
+        """About how many of ``receivers`` would fit, taking the rest in proportion to them.
+
+        0 where the fixed part alone is too much.
+        """
+        if self.fixed_largest > profile.max_buffer_bytes:
+            return 0
         share = min(
-            profile.memory_budget_bytes / self.total, profile.max_buffer_bytes / self.largest, 1.0
+            (profile.memory_budget_bytes - self.fixed_total) / (self.total - self.fixed_total),
+            profile.max_buffer_bytes / self.largest,
+            1.0,
         )
-        return int(receivers * share * _MARGIN)
+        return max(0, int(receivers * share * _MARGIN))
 
     def refusal(
         self, spec: TechniqueSpec, scene: Scene, profile: DeviceProfile, receivers: int
@@ -108,14 +125,23 @@ def measure_demand(spec: TechniqueSpec, context: CreateContext) -> Demand | None
     """
     refused = context.device
     lifted = replace(refused.profile, memory_budget_bytes=_NO_LIMIT, max_buffer_bytes=_NO_LIMIT)
-    device = Device(lifted, refused.cl_device)
     try:
+        fixed = _fixed_part(Device(lifted, refused.cl_device), context)
+        device = Device(lifted, refused.cl_device)
         spec.create(replace(context, device=device))
     except (GibenchError, MemoryError):
         return None
     ledger = device.memory
-    demand = Demand(ledger.peak_bytes, max(ledger.allocated.values(), default=0))
+    demand = Demand(
+        ledger.peak_bytes, max(ledger.allocated.values(), default=0), sum(fixed), max(fixed)
+    )
     limits = refused.profile
     if demand.total <= limits.memory_budget_bytes and demand.largest <= limits.max_buffer_bytes:
         return None
     return demand
+
+
+def _fixed_part(device: Device, context: CreateContext) -> list[int]:
+    """Bytes of every buffer that no number of receivers changes."""
+    FrameScene(device, context.scene, context.width, context.height, context.camera)
+    return list(device.memory.allocated.values())
