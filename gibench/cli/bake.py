@@ -20,7 +20,7 @@ def bake(
     cache_dir: options.CacheDir = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
-    """Compute ahead what 'gibench run' needs, and keep it in the cache; no OpenCL device is used.
+    """Compute ahead what 'gibench run' needs, and keep it in the cache; nothing is timed.
 
     An interrupted bake goes on where it stopped when it is started again.
 
