@@ -1,3 +1,21 @@
 """gibench: a benchmark suite for real-time diffuse global illumination in OpenCL."""
 
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
 __version__ = "0.1.0"
+__all__ = ["__version__", "load_run"]
+
+
+def load_run(path: str | Path) -> Any:
+    """A run's folder as pandas tables (:class:`gibench.report.loaded.LoadedRun`): ``samples``,
+    ``passes``, ``frames``, and its ``record``.
+
+    Raises:
+        BadInput: it is no run of gibench, is damaged, unfinished, or of a newer gibench.
+    """
+    # By name: pandas is heavy, and the package itself must not depend on its top layers.
+    return import_module("gibench.report.loaded").load_run(path)

@@ -11,7 +11,19 @@ from typing import Annotated
 import typer
 
 from gibench import __version__
-from gibench.cli import ab, bake, compare, devices, profiles, quality, run, scenes, techniques
+from gibench.cli import (
+    ab,
+    advise,
+    bake,
+    compare,
+    devices,
+    profiles,
+    quality,
+    report,
+    run,
+    scenes,
+    techniques,
+)
 from gibench.cli.options import paragraphs
 from gibench.errors import GibenchError, Interrupted
 
@@ -40,9 +52,11 @@ app = typer.Typer(
 for command in (
     run.run,
     quality.quality,
+    advise.advise,
     bake.bake,
     ab.ab,
     compare.compare,
+    report.report,
     scenes.scenes,
     techniques.techniques,
     devices.devices,

@@ -70,6 +70,7 @@ class Live:
         warming_ms: wall times of its warm-up frames.
         walls_ms: wall times of the frames that count.
         rows: samples not stored yet.
+        pictured: whether its images were taken.
     """
 
     result: ConfigurationResult
@@ -79,6 +80,7 @@ class Live:
     warming_ms: list[float] = field(default_factory=list)
     walls_ms: list[float] = field(default_factory=list)
     rows: list[tuple[Any, ...]] = field(default_factory=list)
+    pictured: bool = False
 
     @property
     def runs(self) -> bool:
@@ -249,6 +251,8 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
         frame = len(live.warming_ms) + len(live.walls_ms)
         times = enqueue_frame(live.technique, live.prepared, frame)
         advance(1)
+        if frame == plan.image_frame:
+            _take_images(loop, live)
         if not warm:
             live.warming_ms.append(times.wall_ms)
             result.warmup = len(live.warming_ms)
@@ -290,8 +294,15 @@ def _finish(loop: Loop, live: Live) -> None:
         _tell_of_missing_passes(result, live.prepared)
         return
     _check_output(live.technique)
-    if loop.take_images is not None:
-        loop.take_images(result, live.technique.images())
+    if not live.pictured:
+        _take_images(loop, live)
+
+
+def _take_images(loop: Loop, live: Live) -> None:
+    """Give away the images of the frame just run, where it is whole."""
+    if loop.take_images is not None and all(p.status == OK for p in live.prepared):
+        loop.take_images(live.result, live.technique.images())
+    live.pictured = True
 
 
 def _tell_of_missing_passes(result: ConfigurationResult, prepared: Sequence[PreparedPass]) -> None:

@@ -80,6 +80,14 @@ class Plan:
         return None
 
     @property
+    def image_frame(self) -> int:
+        """The last frame that is run whatever the rules decide: the same in every run, so that its
+        images are too. (Where a cap on seconds comes first, images are of the last frame.)
+        """
+        warmup = 2 * WARMUP_WINDOW if self.warmup is None else self.warmup
+        return warmup + (self.least if self.frames is None else self.frames) - 1
+
+    @property
     def expected(self) -> int:
         """Frames at most, warm-up included: for progress."""
         warmup = self.warmup_most if self.warmup is None else self.warmup

@@ -1,0 +1,47 @@
+"""A run's folder as pandas tables: what ``gibench.load_run`` gives to a notebook."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.measure.run_record import read_run
+from gibench.report.tables import frames_table, passes_table
+
+
+@dataclass(frozen=True)
+class LoadedRun:
+    """A run.
+
+    Attributes:
+        path: its folder.
+        record: the content of ``run.json``.
+        samples: one row per pass and frame.
+        passes: one row per pass and configuration.
+        frames: one row per configuration.
+    """
+
+    path: Path
+    record: dict[str, Any]
+    samples: pd.DataFrame
+    passes: pd.DataFrame
+    frames: pd.DataFrame
+
+
+def load_run(path: str | Path) -> LoadedRun:
+    """The run in the folder ``path``; its tables are computed from its samples.
+
+    Raises:
+        BadInput: it is no run of gibench, is damaged, unfinished, or of a newer gibench.
+    """
+    run = read_run(Path(path))
+    return LoadedRun(
+        run.path,
+        run.record,
+        run.samples,
+        passes_table(run.samples, run.record),
+        frames_table(run.samples, run.record),
+    )

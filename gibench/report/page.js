@@ -1,0 +1,233 @@
+"use strict";
+// Okabe and Ito (2008), "Color Universal Design"; the last two for more passes than colours.
+const COLORS = ["#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#B8A900", "#7B7F86",
+  "#8C564B", "#5B3FA6"];
+const $ = (selector, from = document) => from.querySelector(selector);
+
+function element(name, attributes = {}, ...children) {
+  const svg = ["svg", "g", "rect", "line", "text", "circle", "path", "title"].includes(name);
+  const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name)
+                   : document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.append(...children);
+  return made;
+}
+
+const passNames = [...new Set(DATA.configurations.flatMap(c => c.passes.map(p => p.name)))];
+const color = name => COLORS[passNames.indexOf(name) % COLORS.length];
+const digits = value => Math.abs(value) >= 1000 ? 0 : Math.abs(value) >= 100 ? 1 : 3;
+const figure = value => Number.isInteger(value) ? value.toLocaleString("en")
+  : value.toLocaleString("en", { minimumFractionDigits: digits(value), maximumFractionDigits: digits(value) });
+const many = DATA.runs.length > 1;
+const title = c => many ? `${c.run}: ${c.label}` : c.label;
+
+function tip(node, text) {
+  const shown = $("#tip");
+  const show = () => { shown.textContent = text; shown.hidden = false; };
+  const hide = () => { shown.hidden = true; };
+  node.setAttribute("tabindex", "0");
+  node.setAttribute("role", "img");
+  node.setAttribute("aria-label", text);
+  for (const event of ["mouseenter", "focus"]) node.addEventListener(event, show);
+  for (const event of ["mouseleave", "blur"]) node.addEventListener(event, hide);
+  return node;
+}
+
+function legend(place, names) {
+  for (const name of names) {
+    const entry = element("span", {}, name);
+    entry.style.setProperty("--c", color(name));
+    place.append(entry);
+  }
+}
+
+function runs() {
+  for (const run of DATA.runs) {
+    const made = element("div", { class: "run" }, element("b", {}, run.name),
+      `measured on ${run.measured_on}; modelled: ${run.modelled}; ${run.when} UTC`);
+    for (const text of run.warnings)
+      made.append(element("p", { class: "warn" }, text.replaceAll("**", "")));
+    $("#runs").append(made);
+  }
+  for (const section of document.querySelectorAll("main section"))
+    $("nav").append(element("a", { href: `#${section.id}` }, $("h2", section).textContent));
+}
+
+function table(place, { columns, rows }) {
+  const filled = columns.map((_, i) => i < 2 ? i > 0 || many : rows.some(r => r[i] !== null && r[i] !== ""));
+  const head = element("tr"), body = element("tbody");
+  let by = -1, up = true;
+  const draw = sorted => {
+    body.replaceChildren(...sorted.map(row => {
+      const bad = row.includes("failed") || row.includes("skipped");
+      return element("tr", bad ? { class: "bad" } : {}, ...row.map((value, i) => {
+        const number = typeof value === "number";
+        const text = value === null ? "" : number ? figure(value)
+          : typeof value === "boolean" ? (value ? "yes" : "no") : value;
+        return filled[i] ? element("td", number ? { class: "n" } : {}, text) : "";
+      }));
+    }));
+  };
+  columns.forEach((name, i) => {
+    if (!filled[i]) return;
+    const button = element("button", { type: "button" }, name);
+    const cell = element("th", { scope: "col" }, button);
+    button.addEventListener("click", () => {
+      up = by === i ? !up : true;
+      by = i;
+      for (const other of head.children) other.removeAttribute("aria-sort");
+      cell.setAttribute("aria-sort", up ? "ascending" : "descending");
+      draw([...rows].sort((a, b) => {
+        if (a[i] === null || b[i] === null) return (a[i] === null) - (b[i] === null); // blanks last
+        const order = typeof a[i] === "string" ? a[i].localeCompare(b[i]) : a[i] - b[i];
+        return up ? order : -order;
+      }));
+    });
+    head.append(cell);
+  });
+  draw(rows);
+  place.append(element("table", {}, element("thead", {}, head), body));
+}
+
+function ticks(most, wanted = 6) {
+  const rough = most / wanted, power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map(f => f * power).find(s => s >= rough);
+  return Array.from({ length: Math.floor(most / step + 1e-9) + 1 }, (_, k) => +(k * step).toPrecision(12));
+}
+
+function bars() {
+  const shown = DATA.configurations.filter(c => c.median !== null);
+  const names = [...passNames];
+  legend($("#bars .legend"), names);
+  const rest = element("span", {}, "outside kernels");
+  rest.style.setProperty("--c", "var(--line)");
+  $("#bars .legend").append(rest);
+  const most = Math.max(...shown.map(c => c.median)), left = 8, width = 1100, row = 46;
+  const x = value => left + value / most * (width - 90);
+  const svg = element("svg", { viewBox: `0 0 ${width} ${row * shown.length + 30}` });
+  for (const value of ticks(most)) svg.append(
+    element("line", { x1: x(value), x2: x(value), y1: 0, y2: row * shown.length }),
+    element("text", { x: x(value), y: row * shown.length + 18, "text-anchor": "middle", class: "soft" },
+      `${value} ms`));
+  shown.forEach((c, k) => {
+    const y = row * k;
+    svg.append(element("text", { x: left, y: y + 15 }, title(c)));
+    let from = 0;
+    for (const pass of c.passes) {
+      svg.append(tip(element("rect", { x: x(from), y: y + 20, height: 18, fill: color(pass.name),
+        width: Math.max(x(from + pass.median) - x(from), 0.5) }), `${pass.name}: ${figure(pass.median)} ms`));
+      from += pass.median;
+    }
+    if (c.median > from) svg.append(tip(element("rect", { x: x(from), y: y + 20, height: 18,
+      width: x(c.median) - x(from), fill: "var(--line)" }),
+      `outside kernels: ${figure(c.median - from)} ms`));
+    svg.append(element("text", { x: Math.max(x(c.median), x(from)) + 6, y: y + 34 }, `${figure(c.median)} ms`));
+  });
+  $("#bars .plot").append(svg);
+}
+
+function distributions() {
+  const choice = $("#distributions select"), place = $("#distributions .plot");
+  const shown = DATA.configurations.filter(c => c.passes.length);
+  shown.forEach((c, k) => choice.append(element("option", { value: k }, title(c))));
+  const draw = () => {
+    const c = shown[choice.value], width = 1100, row = 40, left = 170;
+    const lines = [...c.passes, ...(c.times.length && c.median !== null
+      ? [{ name: "whole frame", median: c.median, times: c.times }] : [])];
+    const svg = element("svg", { viewBox: `0 0 ${width} ${row * lines.length + 10}` });
+    lines.forEach((one, k) => {
+      const low = one.times[0], high = one.times[one.times.length - 1], span = high - low || 1;
+      const x = value => left + 20 + (value - low) / span * (width - left - 140), y = row * k + 22;
+      svg.append(element("text", { x: left - 8, y: y + 4, "text-anchor": "end" }, one.name),
+        element("line", { x1: x(low), x2: x(high), y1: y, y2: y }),
+        element("text", { x: x(high) + 8, y: y + 4, class: "soft" }, `${figure(high)} ms`),
+        element("text", { x: x(low), y: y + 18, class: "soft" }, figure(low)));
+      const fill = passNames.includes(one.name) ? color(one.name) : "var(--soft)";
+      one.times.forEach((value, i) => svg.append(element("circle",
+        { cx: x(value), cy: y + (i * 7 % 11) - 5, r: 2.6, fill, "fill-opacity": 0.55 })));
+      svg.append(tip(element("rect", { x: x(one.median) - 1.5, y: y - 12, width: 3, height: 24, fill: "var(--ink)" }),
+        `${one.name}: median ${figure(one.median)} ms, ${figure(low)} to ${figure(high)} ms`));
+    });
+    place.replaceChildren(svg);
+  };
+  choice.addEventListener("change", draw);
+  if (shown.length) draw();
+}
+
+function roofline() {
+  const points = DATA.configurations.flatMap(c => c.passes.filter(p => p.intensity && p.gflop_per_s)
+    .map(p => ({ ...p, of: title(c), run: c.run })));
+  const place = $("#roofline .plot");
+  if (!points.length) { place.append("No pass of these runs declares both bytes and flops."); return; }
+  legend($("#roofline .legend"), passNames.filter(n => points.some(p => p.name === n)));
+  const width = 1100, height = 460, left = 66, bottom = 44;
+  const roofs = DATA.runs.map(r => r.roofs);
+  const top = Math.log10(Math.max(...roofs.map(r => r.gflop_per_s), ...points.map(p => p.gflop_per_s)) * 2);
+  const low = Math.log10(Math.min(...points.map(p => p.gflop_per_s)) / 2);
+  const ridge = roofs.map(r => r.gflop_per_s / r.gb_per_s);
+  const near = Math.log10(Math.min(...points.map(p => p.intensity), ...ridge) / 3);
+  const far = Math.log10(Math.max(...points.map(p => p.intensity), ...ridge) * 3);
+  const x = v => left + (Math.log10(v) - near) / (far - near) * (width - left - 12);
+  const y = v => height - bottom - (Math.log10(v) - low) / (top - low) * (height - bottom - 10);
+  const svg = element("svg", { viewBox: `0 0 ${width} ${height}` });
+  for (let e = Math.ceil(near); e <= far; e++) svg.append(
+    element("line", { x1: x(10 ** e), x2: x(10 ** e), y1: 10, y2: height - bottom }),
+    element("text", { x: x(10 ** e), y: height - bottom + 18, "text-anchor": "middle", class: "soft" }, +(10 ** e).toPrecision(3)));
+  for (let e = Math.ceil(low); e <= top; e++) svg.append(
+    element("line", { x1: left, x2: width - 12, y1: y(10 ** e), y2: y(10 ** e) }),
+    element("text", { x: left - 8, y: y(10 ** e) + 4, "text-anchor": "end", class: "soft" }, +(10 ** e).toPrecision(3)));
+  svg.append(element("text", { x: width / 2, y: height - 6, "text-anchor": "middle" }, "flops per byte"),
+    element("text", { x: 14, y: height / 2, transform: `rotate(-90 14 ${height / 2})`, "text-anchor": "middle" }, "GFLOP/s"));
+  DATA.runs.forEach(r => {
+    const { gb_per_s: b, gflop_per_s: f } = r.roofs, start = 10 ** near, end = 10 ** far;
+    const floor = Math.max(start, 10 ** low / b);
+    svg.append(element("path", { class: "roof", d: `M${x(floor)} ${y(floor * b)} L${x(f / b)} ${y(f)} L${x(end)} ${y(f)}` }),
+      element("text", { x: x(end) - 4, y: y(f) - 6, "text-anchor": "end", class: "soft" }, `${r.name}: ${figure(f)} GFLOP/s, ${figure(b)} GB/s`));
+  });
+  for (const p of points) svg.append(tip(element("circle", { cx: x(p.intensity), cy: y(p.gflop_per_s), r: 6,
+    fill: color(p.name), stroke: "var(--ground)", "stroke-width": 1.5 }),
+    `${p.name} (${p.of}): ${figure(p.gflop_per_s)} GFLOP/s at ${figure(p.intensity)} flops per byte`));
+  place.append(svg);
+}
+
+function images() {
+  const section = $("#images"), [left, right] = section.querySelectorAll("select");
+  if (!DATA.images.length) {
+    section.hidden = true;
+    $('nav a[href="#images"]').remove();
+    return;
+  }
+  const slider = $("input", section), over = $(".over", section), [under, above] = section.querySelectorAll("img");
+  DATA.images.forEach((image, k) => [left, right].forEach(s => s.append(element("option", { value: k }, image.title))));
+  right.value = Math.min(1, DATA.images.length - 1);
+  const cut = () => { over.style.clipPath = `inset(0 ${100 - slider.value}% 0 0)`; };
+  const pick = () => {
+    above.src = DATA.images[left.value].src;
+    under.src = DATA.images[right.value].src;
+    above.alt = DATA.images[left.value].title;
+    under.alt = DATA.images[right.value].title;
+  };
+  const drag = event => {
+    if (event.type === "pointermove" && !event.buttons) return;
+    const box = over.getBoundingClientRect();
+    slider.value = 100 * (event.clientX - box.left) / box.width;
+    cut();
+  };
+  const frame = $(".compare", section);
+  frame.addEventListener("pointerdown", drag);
+  frame.addEventListener("pointermove", drag);
+  frame.addEventListener("dragstart", event => event.preventDefault());
+  slider.addEventListener("input", cut);
+  [left, right].forEach(s => s.addEventListener("change", pick));
+  pick();
+  cut();
+  if (DATA.left_out) section.append(element("p", {}, "Further images were left out to keep this page small."));
+}
+
+runs();
+bars();
+table($("#frames .table"), DATA.frames);
+table($("#passes .table"), DATA.passes);
+distributions();
+roofline();
+images();

@@ -1,0 +1,185 @@
+"""``gibench report``: runs as one self-contained HTML page. No network, no libraries.
+
+The page is a template (``page.html`` beside this file, with its style and script) and the runs'
+data as JSON in it; the script draws tables, bars, distributions and the roofline as inline SVG.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gibench.measure.timings import configuration_label
+from gibench.report.loaded import LoadedRun
+from gibench.report.markdown import report as markdown_report
+from gibench.report.tables import run_roofs
+
+MOST_SAMPLES = 400
+"""Times shown per distribution: more are thinned evenly, quantiles kept."""
+MOST_IMAGE_BYTES = 24 << 20
+
+_FRAME_COLUMNS = {
+    "median_ms": "median ms",
+    "p95_ms": "p95 ms",
+    "p99_ms": "p99 ms",
+    "min_ms": "min ms",
+    "device_ms": "in kernels ms",
+    "gap_ms": "gap ms",
+    "fps": "frames/s",
+    "real_time": "real-time",
+    "frames": "frames",
+    "memory_bytes": "memory bytes",
+    "memory_budget_bytes": "budget bytes",
+    "outliers": "outliers",
+    "status": "status",
+    "reason": "reason",
+    "remarks": "remarks",
+}
+_PASS_COLUMNS = {
+    "pass": "pass",
+    "median_ms": "median ms",
+    "mean_ms": "mean ms",
+    "stdev_ms": "stdev ms",
+    "p95_ms": "p95 ms",
+    "p99_ms": "p99 ms",
+    "gb_per_s": "GB/s",
+    "gflop_per_s": "GFLOP/s",
+    "mrays_per_s": "Mrays/s",
+    "roofline_fraction": "of roof",
+    "outliers": "outliers",
+    "status": "status",
+    "reason": "reason",
+}
+
+
+def page(runs: Sequence[LoadedRun]) -> str:
+    """The page of ``runs``, aligned by configuration."""
+    data = json.dumps(_data(runs), ensure_ascii=False, allow_nan=False)
+    # '</' inside a script element would end it.
+    return _template("page.html").replace("/*DATA*/null", data.replace("</", "<\\/"))
+
+
+def _template(name: str) -> str:
+    folder = files("gibench.report")
+    text = folder.joinpath(name).read_text(encoding="utf-8")
+    style = folder.joinpath("page.css").read_text(encoding="utf-8")
+    script = folder.joinpath("page.js").read_text(encoding="utf-8")
+    return text.replace("/*STYLE*/", style).replace("/*SCRIPT*/", script)
+
+
+def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
+    names = _names(runs)
+    configurations, frames, passes = [], [], []
+    for name, run in zip(names, runs, strict=True):
+        for entry in run.record["configurations"]:
+            label = configuration_label(entry)
+            number = entry["configuration"]
+            frame = run.frames[run.frames["configuration"] == number].iloc[0]
+            mine = run.passes[run.passes["configuration"] == number]
+            frames.append([name, label, *(_plain(frame[c]) for c in _FRAME_COLUMNS)])
+            passes += [
+                [name, label, *(_plain(row[c]) for c in _PASS_COLUMNS)]
+                for _, row in mine.iterrows()
+            ]
+            configurations.append(_configuration(name, label, run, number, frame, mine))
+    budget = MOST_IMAGE_BYTES
+    images = []
+    for name, run in zip(names, runs, strict=True):
+        for path in sorted((run.path / "images").glob("*/*.png")):
+            content = path.read_bytes()
+            budget -= len(content)
+            if budget < 0:
+                break
+            images.append(
+                {
+                    "title": f"{name}: {path.parent.name}, {path.stem}",
+                    "src": "data:image/png;base64," + base64.b64encode(content).decode(),
+                }
+            )
+    return {
+        "runs": [_run(name, run) for name, run in zip(names, runs, strict=True)],
+        "frames": {"columns": ["run", "configuration", *_FRAME_COLUMNS.values()], "rows": frames},
+        "passes": {"columns": ["run", "configuration", *_PASS_COLUMNS.values()], "rows": passes},
+        "configurations": sorted(configurations, key=lambda one: one["label"]),
+        "images": images,
+        "left_out": budget < 0,
+    }
+
+
+def _names(runs: Sequence[LoadedRun]) -> list[str]:
+    """Each run's folder name; numbered where two are called the same."""
+    names = [run.path.resolve().name for run in runs]
+    return [
+        name if names.count(name) == 1 else f"{name} #{number}"
+        for number, name in enumerate(names, 1)
+    ]
+
+
+def _run(name: str, run: LoadedRun) -> dict[str, Any]:
+    record, roofs = run.record, run_roofs(run.record)
+    environment, device = record["environment"], record["device"]
+    profiles = ", ".join(str(one.get("title", one["name"])) for one in record["profiles"])
+    head = markdown_report(run.passes, run.frames, record).split("## Frames")[0]
+    return {
+        "name": name,
+        "measured_on": f"{environment['cpu']} by {device['platform']} {device['driver']}",
+        "modelled": profiles,
+        "when": record.get("started_utc", ""),
+        "warnings": [line[2:] for line in head.splitlines() if line.startswith("> ")],
+        "roofs": {
+            "gb_per_s": roofs.gb_per_s,
+            "gflop_per_s": roofs.fma_gflop_per_s,
+        },
+    }
+
+
+def _configuration(
+    name: str, label: str, run: LoadedRun, number: int, frame: pd.Series, mine: pd.DataFrame
+) -> dict[str, Any]:
+    samples = run.samples[run.samples["configuration"] == number]
+    shown = []
+    for _, row in mine.iterrows():
+        times = samples[samples["pass"] == row["pass"]]["time_ms"].to_numpy(np.float64)
+        if len(times):
+            nbytes, flops = float(row["bytes"] or 0), float(row["flops"] or 0)
+            shown.append(
+                {
+                    "name": row["pass"],
+                    "median": _plain(row["median_ms"]),
+                    "times": _thinned(times),
+                    "intensity": flops / nbytes if nbytes and flops else None,
+                    "gflop_per_s": _plain(row["gflop_per_s"]),
+                }
+            )
+    walls = samples.groupby("frame")["frame_wall_ms"].first().to_numpy(np.float64)
+    return {
+        "run": name,
+        "label": label,
+        "median": _plain(frame["median_ms"]),
+        "times": _thinned(walls),
+        "passes": shown,
+    }
+
+
+def _thinned(times: Any) -> list[float]:
+    ordered = np.sort(times)
+    if len(ordered) > MOST_SAMPLES:
+        ordered = np.quantile(ordered, np.linspace(0, 1, MOST_SAMPLES))
+    return [round(float(value), 5) for value in ordered]
+
+
+def _plain(value: Any) -> Any:
+    if value is None or (not isinstance(value, str) and pd.isna(value)):
+        return None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return round(value, 6) if math.isfinite(value) else None
+    return value
