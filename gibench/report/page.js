@@ -102,7 +102,7 @@ function bars() {
   const rest = element("span", {}, "outside kernels");
   rest.style.setProperty("--c", "var(--line)");
   $("#bars .legend").append(rest);
-  const most = Math.max(...shown.map(c => c.median)), left = 8, width = 1100, row = 46;
+  const most = Math.max(...shown.map(c => c.median)), left = 16, width = 1100, row = 46;
   const x = value => left + value / most * (width - 90);
   const svg = element("svg", { viewBox: `0 0 ${width} ${row * shown.length + 30}` });
   for (const value of ticks(most)) svg.append(
@@ -178,11 +178,11 @@ function roofline() {
     element("text", { x: left - 8, y: y(10 ** e) + 4, "text-anchor": "end", class: "soft" }, +(10 ** e).toPrecision(3)));
   svg.append(element("text", { x: width / 2, y: height - 6, "text-anchor": "middle" }, "flops per byte"),
     element("text", { x: 14, y: height / 2, transform: `rotate(-90 14 ${height / 2})`, "text-anchor": "middle" }, "GFLOP/s"));
-  DATA.runs.forEach(r => {
+  DATA.runs.forEach((r, k) => {
     const { gb_per_s: b, gflop_per_s: f } = r.roofs, start = 10 ** near, end = 10 ** far;
     const floor = Math.max(start, 10 ** low / b);
     svg.append(element("path", { class: "roof", d: `M${x(floor)} ${y(floor * b)} L${x(f / b)} ${y(f)} L${x(end)} ${y(f)}` }),
-      element("text", { x: x(end) - 4, y: y(f) - 6, "text-anchor": "end", class: "soft" }, `${r.name}: ${figure(f)} GFLOP/s, ${figure(b)} GB/s`));
+      element("text", { x: x(end) - 4, y: y(roofs[0].gflop_per_s) + 18 + 17 * k, "text-anchor": "end", class: "soft" }, `${r.name}: ${figure(f)} GFLOP/s, ${figure(b)} GB/s`));
   });
   for (const p of points) svg.append(tip(element("circle", { cx: x(p.intensity), cy: y(p.gflop_per_s), r: 6,
     fill: color(p.name), stroke: "var(--ground)", "stroke-width": 1.5 }),

@@ -35,8 +35,8 @@ _FRAME_COLUMNS = {
     "fps": "frames/s",
     "real_time": "real-time",
     "frames": "frames",
-    "memory_bytes": "memory bytes",
-    "memory_budget_bytes": "budget bytes",
+    "memory_mib": "memory MiB",
+    "memory_budget_mib": "budget MiB",
     "outliers": "outliers",
     "status": "status",
     "reason": "reason",
@@ -81,7 +81,9 @@ def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
         for entry in run.record["configurations"]:
             label = configuration_label(entry)
             number = entry["configuration"]
-            frame = run.frames[run.frames["configuration"] == number].iloc[0]
+            frame = run.frames[run.frames["configuration"] == number].iloc[0].copy()
+            for name_of in ("memory", "memory_budget"):
+                frame[f"{name_of}_mib"] = frame[f"{name_of}_bytes"] / 2**20
             mine = run.passes[run.passes["configuration"] == number]
             frames.append([name, label, *(_plain(frame[c]) for c in _FRAME_COLUMNS)])
             passes += [
