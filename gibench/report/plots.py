@@ -30,6 +30,7 @@ class Series:
         y: values; NaN leaves a gap.
         line: slope and intercept of a fitted line to draw through, or None.
         published: whether it is somebody else's figure, drawn dashed and hollow.
+        points: not joined.
     """
 
     label: str
@@ -37,6 +38,7 @@ class Series:
     y: Sequence[float]
     line: tuple[float, float] | None = None
     published: bool = False
+    points: bool = False
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def _draw(where: Any, series: Series, color: str) -> None:
         where.plot(series.x, series.y, "--s", color=color, mfc="none", label=series.label)
         return
     fitted = series.line
-    style = "o" if fitted is not None else "-o"
+    style = "o" if fitted is not None or series.points else "-o"
     where.plot(series.x, series.y, style, color=color, label=series.label, markersize=4)
     if fitted is not None and len(series.x):
         ends = np.array([min(series.x), max(series.x)])

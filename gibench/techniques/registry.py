@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -84,6 +84,8 @@ class TechniqueSpec:
         create: sets the technique up on a device.
         memory_floor: bytes of device memory it will take at least, known before baking, from
             (scene, number of receivers, settings, image width, image height).
+        sweep: for a scene, the values by setting that ``gibench advise`` tries, every
+            combination of them.
     """
 
     name: str
@@ -93,6 +95,7 @@ class TechniqueSpec:
     bake: Callable[[BakeContext], Any]
     create: Callable[[CreateContext], Technique]
     memory_floor: Callable[[Scene, int, Any, int, int], int]
+    sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = field(default=lambda scene: {})
 
     def settings(self, values: Mapping[str, Any]) -> Any:
         """The settings with ``values`` set.
@@ -100,7 +103,7 @@ class TechniqueSpec:
         Raises:
             BadInput: there is no such setting, or the settings refuse the value.
         """
-        known = {field.name for field in fields(self.settings_type)}
+        known = {item.name for item in fields(self.settings_type)}
         if unknown := sorted(set(values) - known):
             raise BadInput(
                 f"technique {self.name} has no setting '{unknown[0]}'",

@@ -27,6 +27,11 @@ def _memory_floor(
     return frame_scene_bytes(scene, width, height) + own
 
 
+def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
+    probes = scene.probes.count
+    return {"rays": (64, 256), "probes": (4 * probes, 8 * probes)}
+
+
 SPEC = TechniqueSpec(
     name="ddgi",
     title="Probe volumes (DDGI)",
@@ -35,4 +40,5 @@ SPEC = TechniqueSpec(
     bake=_bake,
     create=Ddgi,
     memory_floor=_memory_floor,
+    sweep=_sweep,
 )

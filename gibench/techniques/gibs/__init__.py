@@ -34,4 +34,5 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Gibs,
     memory_floor=_memory_floor,
+    sweep=lambda scene: {"rays_per_surfel": (1.0, 4.0)},
 )

@@ -48,6 +48,11 @@ def _memory_floor(
     )
 
 
+def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
+    probes = scene.probes.count
+    return {"sh_order": (2, 4, 7), "probes": (max(1, probes // 2), probes)}
+
+
 SPEC = TechniqueSpec(
     name="srp",
     title="Sparse Radiance Probes",
@@ -56,4 +61,5 @@ SPEC = TechniqueSpec(
     bake=_bake,
     create=Srp,
     memory_floor=_memory_floor,
+    sweep=_sweep,
 )
