@@ -152,8 +152,10 @@ def run_configurations(
             alive.append(_bring_up(loop, result))
         if outcome.ended or _full(alive, cl_device):
             _take_turns(loop, alive)
-            alive, group = [], group + 1
+            _let_go(alive, outcome)
+            group += 1
     _take_turns(loop, alive)
+    _let_go(alive, outcome)
     return outcome
 
 
@@ -209,7 +211,7 @@ def _bring_up(loop: Loop, result: ConfigurationResult) -> Live:
 
 
 def _take_turns(loop: Loop, alive: list[Live]) -> None:
-    """Warm up and measure the configurations of a group, then let go of their devices."""
+    """Warm up and measure the configurations of a group."""
     outcome = loop.outcome
     title = alive[0].result.configuration.label(alive[0].result.scene) if alive else ""
     if len(alive) > 1:
@@ -236,9 +238,15 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
             live.result.refuse(FAILED, str(outcome.write_error), outcome.write_error)
     for live in alive:
         live.device.queue.finish()
+
+
+def _let_go(alive: list[Live], outcome: Outcome) -> None:
+    """Free the devices' buffers before the next group's come; errors hold frames that hold them."""
     alive.clear()
-    active.clear()
-    gc.collect()  # the devices' buffers go before the next group's come
+    for result in outcome.results:
+        if result.error is not None:
+            traceback.clear_frames(result.error.__traceback__)
+    gc.collect()
 
 
 def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
