@@ -134,6 +134,18 @@ WorkgroupSizes = Annotated[
         rich_help_panel=GRID,
     ),
 ]
+WorkgroupSizesOrAuto = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--workgroup-size",
+        "-w",
+        metavar="N|auto",
+        help="Work-items per group; by default the profile's. A pass that cannot run at one is "
+        "skipped with its reason. [bold]auto[/]: each pass at its best, by measurement, remembered "
+        "in the cache folder.",
+        rich_help_panel=GRID,
+    ),
+]
 Resolution = Annotated[
     str,
     typer.Option(
@@ -334,6 +346,23 @@ def request(
         workgroup_sizes=tuple(workgroup_sizes or ()),
         settings=_settings(settings or ()),
     )
+
+
+def workgroup_sizes(texts: Sequence[str] | None) -> tuple[list[int], bool]:
+    """The sizes asked for, and whether ``auto`` is among them.
+
+    Raises:
+        BadInput: one is neither a whole number from 1 up nor ``auto``.
+    """
+    sizes = []
+    for text in texts or ():
+        if text != "auto":
+            if not re.fullmatch(r"\d+", text) or int(text) < 1:
+                raise BadInput(
+                    f"--workgroup-size '{text}' is out of range", mend="give 1 or more, or auto"
+                )
+            sizes.append(int(text))
+    return sizes, "auto" in (texts or ())
 
 
 def resolution(text: str) -> tuple[int, int]:

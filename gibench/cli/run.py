@@ -25,7 +25,7 @@ def run(
     sh_order: options.ShOrders = None,
     probes: options.Probes = None,
     receivers: options.ReceiverCounts = None,
-    workgroup_size: options.WorkgroupSizes = None,
+    workgroup_size: options.WorkgroupSizesOrAuto = None,
     settings: options.Set = None,
     frames: Annotated[
         int | None,
@@ -107,6 +107,8 @@ def run(
 
       gibench run --device-profile iphone7 --scene hall --receivers 200000 --fit --save-images
     """
+    from dataclasses import replace
+
     from gibench.device.device import select_cl_device
     from gibench.measure.cold import CacheFlush
     from gibench.measure.configuration import grid
@@ -123,7 +125,9 @@ def run(
     width, height = options.resolution(resolution)
     profiles = options.load_profiles(device_profile)
     specs = options.find_techniques(technique)
-    asked = options.request(scene, variant, sh_order, probes, receivers, workgroup_size, settings)
+    sizes, auto = options.workgroup_sizes(workgroup_size)
+    asked = options.request(scene, variant, sh_order, probes, receivers, sizes, settings)
+    asked = replace(asked, auto_workgroup=auto)
     configurations = grid(profiles, specs, asked)
     cache = options.cache_folder(cache_dir)
     cl_device = select_cl_device(device)

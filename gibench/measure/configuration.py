@@ -27,6 +27,7 @@ class Request:
         scenes: built-in names or files.
         variants: ``published``, ``tuned``; a technique without the asked one runs what it has.
         settings: further settings by technique and field, as typed by the user.
+        auto_workgroup: also run with each pass at its best size, by measurement.
     """
 
     scenes: tuple[str, ...] = ("cornell-box",)
@@ -36,6 +37,7 @@ class Request:
     receivers: tuple[int, ...] = ()
     workgroup_sizes: tuple[int, ...] = ()
     settings: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    auto_workgroup: bool = False
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class Configuration:
         scene: as the user named it.
         receivers: number to aim for; None leaves it to the scene.
         settings: the technique's settings dataclass.
+        auto_workgroup: whether passes take the sizes that measure best.
     """
 
     number: int
@@ -57,6 +60,7 @@ class Configuration:
     settings: Any
     receivers: int | None
     workgroup_size: int
+    auto_workgroup: bool = False
 
     @property
     def sh_order(self) -> int | None:
@@ -66,7 +70,9 @@ class Configuration:
     def label(self, scene: str) -> str:
         """A short name in words, with the scene's own name."""
         parts = [self.spec.name, self.variant, scene, self.profile.name]
-        parts.append(f"work-group {self.workgroup_size}")
+        parts.append(
+            "work-group auto" if self.auto_workgroup else f"work-group {self.workgroup_size}"
+        )
         if self.sh_order is not None:
             parts.append(f"SH order {self.sh_order}")
         return ", ".join(parts)
@@ -93,13 +99,16 @@ def grid(
             for settings, variant, profile in product(
                 settings_grid(spec, request), _variants(spec, request.variants), profiles
             ):
-                sizes = _unique(request.workgroup_sizes) or (profile.default_workgroup_size,)
-                for size in sizes:
+                default = profile.default_workgroup_size
+                sizes = [(size, False) for size in _unique(request.workgroup_sizes)]
+                if request.auto_workgroup:
+                    sizes.append((default, True))
+                for size, auto in sizes or [(default, False)]:
                     key = (scene, receivers, spec.name, repr(settings), variant, profile.name, size)
-                    if key not in found:
-                        found[key] = Configuration(
+                    if (*key, auto) not in found:
+                        found[*key, auto] = Configuration(
                             *(len(found) + 1, profile, scene, spec, variant, settings),
-                            *(receivers, size),
+                            *(receivers, size, auto),
                         )
     return list(found.values())
 

@@ -6,7 +6,7 @@ import gc
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult, Pa
 from gibench.measure.run_folder import RunFolder
 from gibench.measure.setup import LoopOptions, set_up
 from gibench.measure.shared import Shared
+from gibench.measure.tune import prepare_chosen, tune
 from gibench.measure.view import choose_camera
 from gibench.progress import progress
 from gibench.techniques.technique import Technique
@@ -199,11 +200,24 @@ def _mark_interrupted(result: ConfigurationResult, options: LoopOptions) -> None
 
 
 def _bring_up(loop: Loop, result: ConfigurationResult) -> Live:
+    sweep = None
+    if result.configuration.auto_workgroup:
+        sweep = tune(result, loop.options, loop.shared, loop.cl_device)
+        result.configuration = replace(result.configuration, workgroup_size=sweep.base)
+        result.sweep = sweep.record()
     device, technique = set_up(result, loop.options, loop.shared, loop.cl_device)
-    prepared = prepare_passes(technique, result.configuration.workgroup_size)
+    if sweep is None:
+        prepared = prepare_passes(technique, result.configuration.workgroup_size)
+    else:
+        prepared = prepare_chosen(technique, sweep)
+        result.notes += sweep.notes()
+    chosen = sweep.chosen if sweep else {}
     result.counts = dict(technique.counts())
     result.passes = [
-        PassResult(p.name, p.work, p.status, without_paths(p.problem or result.reason))
+        PassResult(
+            *(p.name, p.work, p.status, without_paths(p.problem or result.reason)),
+            workgroup_size=chosen.get(p.name),
+        )
         for p in prepared
     ]
     result.memory_bytes = device.memory.peak_bytes
@@ -276,10 +290,14 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
 
 def _rows(result: ConfigurationResult, times: FrameTimes, frame: int) -> list[tuple[Any, ...]]:
     """One row per pass."""
-    keys, counts = tuple(result.keys().values()), result.counts
+    counts = result.counts
+    sizes = {p.name: p.workgroup_size for p in result.passes if p.workgroup_size}
     tail = (counts.get("probes"), counts.get("receivers"), f"{times.wall_ms:.6f}")
     return [
-        (*keys, name, frame, f"{ms:.6f}", *tail, result.configuration.number)
+        (
+            *result.keys(sizes.get(name)).values(),
+            *(name, frame, f"{ms:.6f}", *tail, result.configuration.number),
+        )
         for name, ms in times.pass_ms.items()
     ]
 

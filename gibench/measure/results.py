@@ -15,12 +15,13 @@ WHOLE_FRAME = "(frame)"
 
 @dataclass
 class PassResult:
-    """One pass of a configuration."""
+    """One pass of a configuration; ``workgroup_size`` where it has one of its own."""
 
     name: str
     work: Work = field(default_factory=Work)
     status: str = OK
     reason: str = ""
+    workgroup_size: int | None = None
 
 
 @dataclass
@@ -40,6 +41,7 @@ class ConfigurationResult:
         stopped: why no further frame was measured.
         memory_bytes: the most that was allocated at once.
         notes: for the report.
+        sweep: the work-group sizes tried and chosen, where they were.
     """
 
     configuration: Configuration
@@ -56,6 +58,7 @@ class ConfigurationResult:
     memory_bytes: int = 0
     camera: str = ""
     notes: list[str] = field(default_factory=list)
+    sweep: dict[str, Any] | None = None
     error: BaseException | None = field(default=None, repr=False)
 
     def refuse(self, status: str, reason: str, error: BaseException | None = None) -> None:
@@ -67,15 +70,15 @@ class ConfigurationResult:
         if not self.passes:
             self.passes = [PassResult(WHOLE_FRAME, status=status, reason=reason)]
 
-    def keys(self) -> dict[str, Any]:
-        """The columns that name it in every table."""
+    def keys(self, workgroup_size: int | None = None) -> dict[str, Any]:
+        """The columns that name it in every table; a pass may have a work-group size of its own."""
         configuration = self.configuration
         return {
             "technique": configuration.spec.name,
             "variant": configuration.variant,
             "scene": self.scene,
             "profile": configuration.profile.name,
-            "workgroup_size": configuration.workgroup_size,
+            "workgroup_size": workgroup_size or configuration.workgroup_size,
             "sh_order": configuration.sh_order,
         }
 
@@ -98,8 +101,16 @@ class ConfigurationResult:
             "reason": self.reason,
             "notes": list(self.notes),
             "settings": _plain_settings(self.configuration.settings),
+            "auto_workgroup": self.configuration.auto_workgroup,
+            "workgroup_sweep": self.sweep,
             "passes": [
-                {"pass": p.name, **asdict(p.work), "status": p.status, "reason": p.reason}
+                {
+                    "pass": p.name,
+                    **asdict(p.work),
+                    "status": p.status,
+                    "reason": p.reason,
+                    "workgroup_size": p.workgroup_size or self.configuration.workgroup_size,
+                }
                 for p in self.passes
             ],
         }

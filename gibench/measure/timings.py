@@ -87,7 +87,8 @@ def configuration_label(entry: Mapping[str, Any]) -> str:
     parts += [
         f"{entry[name]:,} {name}" for name in ("surfels", "probes", "receivers") if entry.get(name)
     ]
-    parts.append(f"work-group {entry['workgroup_size']}")
+    auto = entry.get("auto_workgroup")
+    parts.append("work-group auto" if auto else f"work-group {entry['workgroup_size']}")
     return ", ".join(parts)
 
 

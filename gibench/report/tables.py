@@ -84,6 +84,7 @@ def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
                     **asdict(summary),
                     **_steadiness(mine),
                     "pass": item["pass"],
+                    "workgroup_size": item.get("workgroup_size", entry["workgroup_size"]),
                     "frames": summary.count,
                     "bytes": nbytes,
                     "flops": work.flops,
