@@ -1,0 +1,141 @@
+"""``gibench experiment``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from gibench.cli import options
+
+
+def experiment(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Which; without it, they are listed.")
+    ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="Small sizes that show that it works; the figures mean nothing."
+        ),
+    ] = False,
+    device_profile: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--device-profile",
+            "-d",
+            metavar="NAME|FILE",
+            help="Whose limits bind; by default the experiment's own.",
+        ),
+    ] = None,
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scene",
+            "-s",
+            metavar="NAME|FILE",
+            help="Instead of the experiment's own scenes, for instance the real Sponza.",
+        ),
+    ] = None,
+    target_error: options.TargetError = 0.02,
+    frames: Annotated[
+        int, typer.Option("--frames", "-n", min=1, metavar="N", help="Timed per point.")
+    ] = 30,
+    resolution: Annotated[
+        str | None,
+        typer.Option(
+            "--resolution", metavar="WxH", help="Camera image; by default the experiment's own."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Its folder; by default results/experiments/NAME. What it holds already is not "
+            "measured again.",
+        ),
+    ] = None,
+    seed: options.Seed = 0,
+    device: options.DeviceNumber = None,
+    cache_dir: options.CacheDir = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Repeat one of the papers' experiments; alone, list them.
+
+    Each leaves a CSV, a Markdown report and plots, with the paper's published figures beside ours
+    where there are any. Interrupted, the same command goes on from there.
+
+    [bold]Examples[/]
+
+      gibench experiment
+
+      gibench experiment sh-order
+
+      gibench experiment receiver-reduction --scene sponza.obj
+    """
+    from gibench.study.experiments import EXPERIMENTS, find_experiment
+
+    if name is None:
+        from rich.markup import escape
+        from rich.table import Table
+
+        from gibench.report.terminal import console
+
+        table = Table("name", "what it shows", "after")
+        for item in EXPERIMENTS.values():
+            table.add_row(item.name, escape(item.title), escape(item.source))
+        console().print(table)
+        return
+    chosen = find_experiment(name)
+
+    from gibench.device.device import select_cl_device
+    from gibench.measure.environment import device_record, environment, versions
+    from gibench.measure.run_folder import RunFolder
+    from gibench.study.experiments.common import Context, run_experiment
+    from gibench.study.quality import check_target_error
+
+    check_target_error(target_error)
+    image = None if resolution is None else options.resolution(resolution)
+    profiles = options.load_profiles(device_profile or chosen.profiles)
+    cl_device = select_cl_device(device)
+    cache = options.cache_folder(cache_dir)
+    arguments: dict[str, Any] = {
+        "experiment": chosen.name,
+        "quick": quick,
+        "profiles": [profile.name for profile in profiles],
+        "scene": [Path(path).name for path in scene or ()],
+        "target_error": target_error,
+        "frames": frames,
+        "resolution": resolution,
+        "seed": seed,
+    }
+    path = out or Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
+    folder = RunFolder.create(path, arguments)
+    folder.write_record(
+        {
+            "schema_version": 1,
+            "arguments": arguments,
+            "versions": versions(),
+            "environment": environment(),
+            "device": device_record(cl_device),
+        }
+    )
+    context = Context(
+        folder=folder,
+        profiles=tuple(profiles),
+        cache=cache,
+        cl_device=cl_device,
+        scenes=tuple(scene or ()),
+        quick=quick,
+        frames=frames,
+        resolution=image,
+        target_error=target_error,
+        seed=seed,
+    )
+    rows = run_experiment(chosen, context)
+    if not quiet:
+        done = int((rows["status"] == "ok").sum())
+        typer.echo(f"{done} of {len(rows)} rows measured; see {folder.path}")

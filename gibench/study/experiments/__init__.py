@@ -1,0 +1,40 @@
+"""The papers' experiments by name."""
+
+from __future__ import annotations
+
+from gibench.errors import BadInput
+from gibench.study.experiments import (
+    frame_times,
+    interpolation,
+    probe_density,
+    receiver_reduction,
+    scaling,
+    sh_order,
+)
+from gibench.study.experiments.common import Experiment
+
+EXPERIMENTS = {
+    experiment.name: experiment
+    for experiment in (
+        frame_times.EXPERIMENT,
+        sh_order.EXPERIMENT,
+        probe_density.EXPERIMENT,
+        scaling.EXPERIMENT,
+        receiver_reduction.EXPERIMENT,
+        interpolation.EXPERIMENT,
+    )
+}
+
+
+def find_experiment(name: str) -> Experiment:
+    """The experiment called ``name``.
+
+    Raises:
+        BadInput: there is none.
+    """
+    if name not in EXPERIMENTS:
+        raise BadInput(
+            f"no experiment called '{name}'",
+            mend=f"the experiments are {', '.join(EXPERIMENTS)}",
+        )
+    return EXPERIMENTS[name]

@@ -1,0 +1,285 @@
+"""What the papers' experiments share: their context, their points and how they are run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.errors import BadInput, CannotRun, GibenchError, Interrupted
+from gibench.measure.configuration import Configuration, Request, grid
+from gibench.measure.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.environment import cpu_name, without_paths
+from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult
+from gibench.measure.run_folder import RunFolder
+from gibench.measure.setup import LoopOptions, set_up
+from gibench.measure.shared import Shared
+from gibench.measure.statistics import summarize
+from gibench.profiles import DeviceProfile
+from gibench.progress import progress
+from gibench.study.frozen import FrozenShared
+from gibench.study.quality import QualityOptions
+from gibench.study.rows import Rows
+from gibench.study.settle import SettleOptions
+from gibench.techniques.registry import find_technique
+
+STATUS = ("status", "reason")
+TIMES = ("time_ms", "p95_ms", "frames", "memory_bytes")
+
+
+@dataclass(frozen=True)
+class Context:
+    """Where and how an experiment runs.
+
+    Attributes:
+        folder: it leaves its files in.
+        profiles: whose limits bind.
+        cache: folder of bakes and references.
+        cl_device: executes.
+        scenes: the user's, instead of the experiment's own; empty for these.
+        quick: small sizes, to see that it works; figures of no meaning.
+        frames: timed per point.
+        resolution: of the camera image instead of the experiment's own, or None.
+        target_error: of references.
+        seed: of every random choice.
+    """
+
+    folder: RunFolder
+    profiles: tuple[DeviceProfile, ...]
+    cache: Path
+    cl_device: Any
+    scenes: tuple[str, ...] = ()
+    quick: bool = False
+    frames: int = 30
+    resolution: tuple[int, int] | None = None
+    target_error: float = 0.02
+    seed: int = 0
+
+    @property
+    def transport(self) -> dict[str, str]:
+        """Settings of SRP's bake: the published number of rays, or few where it is to be quick."""
+        return {"transport_rays": "64", "relight_samples": "128"} if self.quick else {}
+
+    def loop(self, own: tuple[int, int]) -> LoopOptions:
+        """Image, camera and seed; ``own`` is the experiment's image size, pixels."""
+        width, height = (96, 54) if self.quick else self.resolution or own
+        return LoopOptions(width=width, height=height, seed=self.seed)
+
+    def scene_or(self, *own: str) -> tuple[str, ...]:
+        """The user's scenes, or the experiment's own; one of these where it is to be quick."""
+        return self.scenes or (own[:1] if self.quick else own)
+
+    def moving(self) -> Shared:
+        """Scenes as they are, for times."""
+        return Shared(self.cache, self.seed)
+
+    def standing(self) -> FrozenShared:
+        """Scenes with standing lights, for errors."""
+        return FrozenShared(self.cache, self.seed)
+
+    def quality(self, own: tuple[int, int]) -> QualityOptions:
+        """How results are compared with the truth."""
+        target = max(self.target_error, 0.2) if self.quick else self.target_error
+        return QualityOptions(
+            self.loop(own), SettleOptions(32 if self.quick else 512), target_error=target
+        )
+
+    def srp(
+        self,
+        scene: str,
+        profile: DeviceProfile,
+        *,
+        sh_order: int = 7,
+        probes: int | None = None,
+        receivers: int | None = None,
+        **settings: str,
+    ) -> Configuration:
+        """SRP with these settings."""
+        request = Request(
+            scenes=(scene,),
+            sh_orders=(sh_order,),
+            probes=() if probes is None else (probes,),
+            receivers=() if receivers is None else (receivers,),
+            settings={"srp": {**self.transport, **settings}},
+        )
+        return grid([profile], [find_technique("srp")], request)[0]
+
+    def direct(
+        self, scene: str, profile: DeviceProfile, receivers: int | None = None
+    ) -> Configuration:
+        """Direct light only."""
+        of = () if receivers is None else (receivers,)
+        request = Request(scenes=(scene,), receivers=of)
+        return grid([profile], [find_technique("direct")], request)[0]
+
+
+@dataclass(frozen=True)
+class Point:
+    """One thing to measure.
+
+    Attributes:
+        key: values of the experiment's key columns.
+        measure: measures it: rows without the keys.
+    """
+
+    key: Mapping[str, Any]
+    measure: Callable[[], Sequence[Mapping[str, Any]]] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One of the papers' experiments.
+
+    Attributes:
+        name: on the command line.
+        title: what it shows.
+        source: figure or section and paper.
+        profiles: that bind unless the user says otherwise.
+        keys: columns that name a point.
+        columns: the others, ``status`` and ``reason`` left out.
+        points: what is measured, in order.
+        present: writes plots and pictures and returns the report's Markdown.
+        image: size of the camera image, pixels.
+    """
+
+    name: str
+    title: str
+    source: str
+    profiles: tuple[str, ...]
+    keys: tuple[str, ...]
+    columns: tuple[str, ...]
+    points: Callable[[Context], Iterable[Point]] = field(repr=False)
+    present: Callable[[Context, pd.DataFrame], str] = field(repr=False)
+
+
+def run_experiment(experiment: Experiment, context: Context) -> pd.DataFrame:
+    """Measure what is not in the folder yet, then write report, plots and pictures.
+
+    Raises:
+        Interrupted: by Ctrl-C; what was measured is kept and reported.
+        BadInput: the folder holds another experiment, or a scene is wrong.
+        GibenchError: nothing could be measured: the first reason.
+    """
+    path = context.folder.path / f"{experiment.name}.csv"
+    rows = Rows.at(path, experiment.keys, (*experiment.columns, *STATUS))
+    points = [point for point in experiment.points(context) if not rows.done(point.key)]
+    interrupted, first = False, None
+    try:
+        with progress(experiment.title, len(points)) as advance:
+            for point in points:
+                try:
+                    found = [{"status": OK, "reason": "", **row} for row in point.measure()]
+                except BadInput:
+                    raise
+                except GibenchError as error:
+                    first = first or error
+                    status = SKIPPED if isinstance(error, CannotRun) else FAILED
+                    found = [{"status": status, "reason": without_paths(str(error))}]
+                rows.add([{**point.key, **row} for row in found])
+                advance(1)
+    except KeyboardInterrupt:
+        interrupted = True
+    table = rows.table()
+    if (table["status"] == OK).any():
+        context.folder.write_text(
+            f"{experiment.name}.md", report(experiment, context, table, interrupted)
+        )
+    if interrupted:
+        raise Interrupted(
+            f"interrupted; what was measured is kept in {path}, the same command goes on from there"
+        )
+    if first is not None and not (table["status"] == OK).any():
+        raise first
+    return table
+
+
+def report(experiment: Experiment, context: Context, table: pd.DataFrame, interrupted: bool) -> str:
+    """The experiment to read."""
+    lines = [
+        f"# {experiment.title}",
+        f"After {experiment.source}.",
+        f"**Measured on** {cpu_name()} under the limits of "
+        f"{', '.join(p.title for p in context.profiles)}: work-group sizes and memory. No time "
+        "below is one of a modelled device.",
+    ]
+    if context.quick:
+        lines.append("> **Quick:** small sizes that show that it works. The figures mean nothing.")
+    if interrupted:
+        lines.append("> **Interrupted:** not all points are here.")
+    lines.append(experiment.present(context, table))
+    missing = table[table["status"] != OK]
+    if len(missing):
+        lines.append("## Not measured")
+        lines.append(markdown(missing[[*experiment.keys, *STATUS]]))
+    return "\n\n".join(lines) + "\n"
+
+
+def markdown(table: pd.DataFrame, formats: Mapping[str, str] | None = None) -> str:
+    """A table as Markdown; ``formats`` by column, blank where there is no value."""
+
+    def cell(name: str, value: Any) -> str:
+        if pd.isna(value):
+            return ""
+        given = (formats or {}).get(name)
+        if given is None:
+            given = ".4g" if isinstance(value, float) and not float(value).is_integer() else ""
+            value = int(value) if isinstance(value, float) and not given else value
+        return format(value, given).replace("|", "\\|")
+
+    head = [str(name) for name in table.columns]
+    lines = ["| " + " | ".join(head) + " |", "|" + " --- |" * len(head)]
+    for row in table.to_dict("records"):
+        lines.append("| " + " | ".join(cell(str(n), v) for n, v in row.items()) + " |")
+    return "\n".join(lines)
+
+
+def published(name: str) -> pd.DataFrame:
+    """One of the papers' tables (``results/published/NAME.csv``)."""
+    from gibench.resources import data
+
+    with (data("published") / f"{name}.csv").open(encoding="utf-8") as file:
+        return pd.read_csv(file)
+
+
+def published_section(table: pd.DataFrame) -> str:
+    """The papers' own figures, apart from ours."""
+    if table.empty:
+        return "The papers print no figures for this (their plots carry none)."
+    return (
+        "## Published\n\nTheirs, on their devices; not to be mixed with the table above.\n\n"
+        + markdown(table)
+    )
+
+
+def timed(
+    context: Context, configuration: Configuration, shared: Shared, own: tuple[int, int]
+) -> dict[str, Any]:
+    """The frame times of ``configuration`` with lights moving as in a run, and its memory.
+
+    Raises:
+        CannotRun: the profile or budget forbids it.
+        GibenchError: a pass failed.
+    """
+    scene = shared.scene(configuration.scene)
+    result = ConfigurationResult(configuration, scene.name)
+    device, technique = set_up(result, context.loop(own), shared, context.cl_device)
+    try:
+        prepared = prepare_passes(technique, configuration.workgroup_size)
+        for item in prepared:
+            if item.status != "ok":
+                kind = CannotRun if item.status == SKIPPED else GibenchError
+                raise kind(f"{item.name}: {item.problem}")
+        warmup, count = (1, 3) if context.quick else (5, context.frames)
+        times = [enqueue_frame(technique, prepared, f).wall_ms for f in range(warmup + count)]
+    finally:
+        device.queue.finish()
+    summary = summarize(times[warmup:])
+    return {
+        "time_ms": summary.median_ms,
+        "p95_ms": summary.p95_ms,
+        "frames": summary.count,
+        "memory_bytes": device.memory.peak_bytes,
+    }

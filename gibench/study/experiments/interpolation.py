@@ -1,0 +1,84 @@
+"""SRP's interpolation against plain blending on the same probes (paper 001, figure 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pandas as pd
+
+from gibench.study.experiments.common import Context, Experiment, Point, markdown
+from gibench.study.experiments.compared import (
+    COLUMNS,
+    FORMATS,
+    SHOWN,
+    compared,
+    result_panel,
+    truth_of,
+)
+
+_IMAGE = (480, 270)
+_PROBES = (5, 109)  # of figure 8
+_KINDS = ("spatial", "visibility", "srp")
+
+
+def _configuration(context: Context, probes: int, kind: str) -> Any:
+    scene = context.scene_or("cornell-box")[0]
+    receivers = 1500 if context.quick else 10_000
+    return context.srp(
+        scene, context.profiles[0], probes=probes, receivers=receivers, interpolation=kind
+    )
+
+
+def _label(probes: int, kind: str) -> str:
+    return f"{kind}, {probes} probes"
+
+
+def _counts(context: Context) -> tuple[int, ...]:
+    return _PROBES[:1] if context.quick else _PROBES
+
+
+def _points(context: Context) -> Iterator[Point]:
+    shared = context.standing()
+    for probes in _counts(context):
+        for kind in _KINDS:
+            configuration = _configuration(context, probes, kind)
+            label = _label(probes, kind)
+            yield Point(
+                {"probes": probes, "interpolation": kind},
+                lambda c=configuration, name=label: compared(  # type: ignore[misc]
+                    context, c, shared, _IMAGE, name
+                ),
+            )
+
+
+def _present(context: Context, table: pd.DataFrame) -> str:
+    ok = table[table["status"] == "ok"]
+    whole = ok[ok["region"] == "whole"]
+    group = truth_of(
+        context, _configuration(context, _PROBES[0], "srp"), context.standing(), _IMAGE
+    )
+    parts = [
+        "*spatial*: probes blended by distance alone, in the receiver's own direction (thesis eq. "
+        "4.3). *visibility*: that, from the probes the receiver sees. *srp*: reprojected and "
+        "mutually visible (eq. 4.6). Everything else is the same: probes, their harmonics, rays, "
+        "compression.",
+        markdown(whole[["probes", "interpolation", *SHOWN]], FORMATS),
+    ]
+    for probes in _counts(context):
+        labels = [_label(probes, kind) for kind in _KINDS]
+        parts.append(result_panel(context, f"interpolation-{probes}", group.truth, labels))
+    parts.append("The paper shows pictures and prints no figures for this.")
+    return "\n\n".join(parts)
+
+
+EXPERIMENT = Experiment(
+    name="interpolation",
+    title="SRP's interpolation against plain blending on the same probes",
+    source="figure 8 of Silvennoinen and Lehtinen 2017 (paper 001)",
+    profiles=("iphone7",),
+    keys=("probes", "interpolation"),
+    columns=COLUMNS,
+    points=_points,
+    present=_present,
+)

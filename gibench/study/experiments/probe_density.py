@@ -1,0 +1,125 @@
+"""Error against probe density on the Cornell Box (paper 001, section 5.2 and figure 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gibench.report.plots import Axes, Picture, Series, plot
+from gibench.study.experiments.common import Context, Experiment, Point, markdown
+from gibench.study.experiments.compared import (
+    COLUMNS,
+    FORMATS,
+    SHOWN,
+    compared,
+    keep,
+    kept,
+    result_panel,
+    truth_of,
+)
+from gibench.study.operator_norm import operator_norm
+
+_IMAGE = (480, 270)
+_PROBES = (2, 10, 29)  # of figure 10
+_NORM_LIMIT = 1.0  # black alone has 1
+
+
+def _counts(context: Context) -> tuple[int, ...]:
+    return _PROBES[:2] if context.quick else _PROBES
+
+
+def _label(probes: int) -> str:
+    return f"{probes} probes"
+
+
+def _configuration(context: Context, probes: int) -> Any:
+    scene = context.scene_or("cornell-box")[0]
+    receivers = 500 if context.quick else 8000
+    return context.srp(scene, context.profiles[0], probes=probes, receivers=receivers)
+
+
+def _points(context: Context) -> Iterator[Point]:
+    shared = context.standing()
+    for probes in _counts(context):
+
+        def measure(probes: int = probes) -> list[dict[str, Any]]:
+            configuration = _configuration(context, probes)
+            rows = compared(context, configuration, shared, _IMAGE, _label(probes))
+            lightmap, bake = shared.baked(
+                *(configuration.spec, configuration.settings, configuration.scene),
+                configuration.receivers,
+            )
+            norms = operator_norm(
+                shared.scene(configuration.scene),
+                lightmap,
+                bake.probes,
+                configuration.settings.bake_settings(),
+                directions=64 if context.quick else 512,
+                seed=context.seed,
+            )
+            keep(context, f"norm {probes}", np.repeat(norms[:, None], 3, axis=1))
+            mean = float((norms * lightmap.receivers.area).sum() / lightmap.receivers.area.sum())
+            return [{**row, "operator_norm": mean} for row in rows]
+
+        yield Point({"probes": probes}, measure)
+
+
+def _present(context: Context, table: pd.DataFrame) -> str:
+    ok = table[table["status"] == "ok"]
+    whole = ok[ok["region"] == "whole"].sort_values("probes")
+    counts = whole["probes"].tolist()
+    plot(
+        context.folder.path / "probe-density",
+        [
+            Axes(
+                "error against the reference",
+                "probes",
+                "relative L2 error, %",
+                [Series("", counts, (100 * whole["rel_l2"]).tolist())],
+            ),
+            Axes(
+                "mean operator norm (001, eq. 12)",
+                "probes",
+                "share of the ideal's norm",
+                [Series("", counts, whole["operator_norm"].tolist())],
+            ),
+        ],
+        "Cornell Box, order 7.",
+    )
+    group = truth_of(context, _configuration(context, _PROBES[0]), context.standing(), _IMAGE)
+    limits = (0.0, _NORM_LIMIT)
+    blank = np.zeros(group.truth.seen.shape[:2])
+    maps = [Picture("operator norm", blank, "viridis", limits, "share")]
+    for probes in counts:
+        norms = kept(context, f"norm {probes}")
+        if norms is not None and len(norms) == len(group.truth.value):
+            image = group.truth.view.of(norms)[..., 0]
+            maps.append(Picture(_label(probes), image, "viridis", limits, "share"))
+    shown = result_panel(
+        context, "probe-density-pictures", group.truth, [_label(n) for n in counts], [maps]
+    )
+    return "\n\n".join(
+        (
+            "*operator_norm*: the norm of the round trip's error over all lightings of a receiver, "
+            "as a share of the norm of irradiance itself, mean over the surface.",
+            markdown(whole[["probes", "operator_norm", *SHOWN]], FORMATS),
+            "![errors](probe-density.png)",
+            shown,
+            "The paper shows pictures and prints no figures for this.",
+        )
+    )
+
+
+EXPERIMENT = Experiment(
+    name="probe-density",
+    title="Error against probe density, with the operator norm",
+    source="section 5.2 and figure 10 of Silvennoinen and Lehtinen 2017 (paper 001)",
+    profiles=("iphone7",),
+    keys=("probes",),
+    columns=("operator_norm", *COLUMNS),
+    points=_points,
+    present=_present,
+)

@@ -1,0 +1,164 @@
+"""Time and error with fewer receivers (thesis 000, section 6.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gibench.measure.view import choose_camera
+from gibench.reference import metrics
+from gibench.reference.metrics import Measure
+from gibench.reference.path_tracer import Reference, reference_image
+from gibench.report.images import tone_map
+from gibench.report.plots import Axes, Picture, Series, panel, plot
+from gibench.study.experiments.common import (
+    TIMES,
+    Context,
+    Experiment,
+    Point,
+    markdown,
+    published,
+    published_section,
+    timed,
+)
+from gibench.study.experiments.compared import FORMATS, keep, kept
+from gibench.study.frozen import FrozenShared
+from gibench.study.settle import settle
+from gibench.study.through_camera import view
+
+_TIMED_IMAGE, _IMAGE = (1334, 750), (480, 270)
+_RECEIVERS = (437_557, 199_406, 120_479, 56_581)
+_ORDER, _PROBES = 2, 169
+_ERRORS = ("bias", "rel_l2", "lab_l_mse", "ssim")
+
+
+def _counts(context: Context) -> tuple[int, ...]:
+    return (2000, 1000, 500) if context.quick else _RECEIVERS
+
+
+def _configuration(context: Context, receivers: int) -> Any:
+    # The built-in atrium stands for Sponza, which does not come with gibench.
+    scene = context.scene_or("atrium")[0]
+    probes = 12 if context.quick else _PROBES
+    return context.srp(
+        scene, context.profiles[0], sh_order=_ORDER, probes=probes, receivers=receivers
+    )
+
+
+def _truth(context: Context, shared: FrozenShared) -> Reference:
+    """The camera's image of indirect irradiance: it knows of no receivers, so it suits them all."""
+    options = context.quality(_IMAGE)
+    scene = shared.scene(context.scene_or("atrium")[0])
+    return reference_image(
+        scene,
+        choose_camera(scene, None),
+        options.loop.width,
+        options.loop.height,
+        indirect_only=True,
+        irradiance=True,
+        target_error=options.target_error,
+        store_dir=shared.cache_dir,
+    )
+
+
+def _points(context: Context) -> Iterator[Point]:
+    standing, moving = context.standing(), context.moving()
+    for receivers in _counts(context):
+
+        def measure(receivers: int = receivers) -> list[dict[str, Any]]:
+            configuration = _configuration(context, receivers)
+            times = timed(context, configuration, moving, _TIMED_IMAGE)
+            options = context.quality(_IMAGE)
+            settled = settle(
+                configuration, options.settle, options.loop, standing, context.cl_device
+            )
+            scene = standing.scene(configuration.scene)
+            seen = view(
+                scene,
+                settled.lightmap,
+                choose_camera(scene, None),
+                options.loop.width,
+                options.loop.height,
+            )
+            image = seen.of(settled.irradiance)
+            keep(context, f"image {receivers}", image)
+            truth = _truth(context, standing)
+            found = _errors(image, truth, seen.seen)
+            values = {name: found[name].value for name in _ERRORS}
+            noises = {f"{name}_noise": found[name].noise for name in _ERRORS}
+            count = len(settled.lightmap.receivers)
+            return [{**times, "receivers_made": count, **values, **noises}]
+
+        yield Point({"receivers": receivers}, measure)
+
+
+def _errors(image: Any, truth: Reference, seen: Any) -> dict[str, Measure]:
+    exposure = metrics.default_exposure(truth.value[seen])
+    x, y, s = image[seen], truth.value[seen], truth.stderr[seen]
+    whole = np.where(seen[..., None], truth.value, 0.0)
+    error = np.where(seen[..., None], truth.stderr, 0.0)
+    return {
+        "bias": metrics.bias(x, y, s),
+        "rel_l2": metrics.relative_l2(x, y, s),
+        "lab_l_mse": metrics.lab_l_mse(x, y, s, exposure=exposure),
+        "ssim": metrics.ssim(image, whole, error, seen, exposure=exposure),
+    }
+
+
+def _present(context: Context, table: pd.DataFrame) -> str:
+    ok = table[table["status"] == "ok"].sort_values("receivers")
+    counts = ok["receivers"].tolist()
+    plot(
+        context.folder.path / "receiver-reduction",
+        [
+            Axes(
+                "time",
+                "receivers",
+                "median frame, ms",
+                [Series("", counts, ok["time_ms"].tolist())],
+            ),
+            Axes(
+                "error against the path-traced image",
+                "receivers",
+                "relative L2 error, %",
+                [Series("", counts, (100 * ok["rel_l2"]).tolist())],
+            ),
+        ],
+        "Times of this machine under the profile's limits, not of the device it models.",
+    )
+    truth = _truth(context, context.standing())
+    exposure = metrics.default_exposure(truth.value)
+    row = [Picture("path-traced", tone_map(truth.value, exposure))]
+    for receivers in counts[::-1]:
+        image = kept(context, f"image {receivers}")
+        if image is not None and image.shape == truth.value.shape:
+            row.append(Picture(f"{receivers:,} receivers", tone_map(image, exposure)))
+    panel(context.folder.path / "receiver-reduction-pictures", [row], "Indirect irradiance.")
+    theirs = published("frame_times")
+    theirs = theirs[(theirs["where"] == "section 6.6") & (theirs["pass"] == "frame")]
+    return "\n\n".join(
+        (
+            f"Order {_ORDER}, {_PROBES} probes. Errors are of the camera's image of indirect "
+            "irradiance against a path-traced one that knows of no receivers, so that lost detail "
+            "counts.",
+            markdown(ok[["receivers", "receivers_made", *TIMES, *_ERRORS]], FORMATS),
+            "![time and error](receiver-reduction.png)",
+            "![pictures](receiver-reduction-pictures.png)",
+            published_section(theirs.drop(columns=["technique", "pass"])),
+        )
+    )
+
+
+EXPERIMENT = Experiment(
+    name="receiver-reduction",
+    title="Time and error with fewer receivers",
+    source="section 6.6 of the SRP thesis (paper 000)",
+    profiles=("iphone7",),
+    keys=("receivers",),
+    columns=(*TIMES, "receivers_made", *_ERRORS, *(f"{name}_noise" for name in _ERRORS)),
+    points=_points,
+    present=_present,
+)
