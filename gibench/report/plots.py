@@ -170,17 +170,19 @@ class Picture:
     unit: str = ""
 
 
-def panel(path: Path, rows: Sequence[Sequence[Picture]], caption: str = "") -> None:
-    """Pictures in rows, those of values with their scale, as ``path``.png.
+def panel(path: Path, rows: Sequence[Sequence[Picture | None]], caption: str = "") -> None:
+    """Pictures in rows, those of values with their scale, as ``path``.png; None leaves a place.
 
     Raises:
         GibenchError: the disk refuses.
     """
     columns = max(len(row) for row in rows)
-    height, width = rows[0][0].pixels.shape[:2]
-    figure = new_figure(4.2 * columns, (4.2 * height / width + 0.6) * len(rows))
+    height, width = next(p for row in rows for p in row if p is not None).pixels.shape[:2]
+    figure = new_figure(4.2 * columns, (4.2 * height / width + 0.35) * len(rows))
     for i, row in enumerate(rows):
         for j, picture in enumerate(row):
+            if picture is None:
+                continue
             where = figure.add_subplot(len(rows), columns, i * columns + j + 1)
             where.set_axis_off()
             where.set_title(picture.title, fontsize=8)

@@ -40,7 +40,7 @@ def operator_norm(
     lightmap: Lightmap,
     probes: ProbeSet,
     settings: SrpBakeSettings,
-    directions: int = 512,
+    directions: int = 2048,
     seed: int = 0,
 ) -> Doubles:
     """||<cos, (I - P_x P*) .>|| of every receiver over the norm of <cos, .> (equation 12).

@@ -88,17 +88,16 @@ def result_panel(
     name: str,
     truth: Truth,
     labels: Sequence[str],
-    more: Sequence[Sequence[Picture]] = (),
+    more: Sequence[Sequence[Picture | None]] = (),
 ) -> str:
     """A panel: the reference and the results above, their signed differences below.
 
     Returns:
         The Markdown that shows it.
     """
-    above = [Picture("reference", tone_map(truth.seen, truth.exposure))]
+    above: list[Picture | None] = [Picture("reference", tone_map(truth.seen, truth.exposure))]
     limit = SCALE / truth.exposure
-    blank = np.zeros(truth.seen.shape[:2])
-    below = [Picture("result minus reference", blank, "RdBu_r", (-limit, limit), "W/m²")]
+    below: list[Picture | None] = [None]
     for label in labels:
         values = kept(context, label)
         if values is None or len(values) != len(truth.value):
@@ -106,7 +105,8 @@ def result_panel(
         image = truth.view.of(values)
         above.append(Picture(label, tone_map(image, truth.exposure)))
         signed = luminance(image - truth.seen)
-        below.append(Picture(label, signed, "RdBu_r", (-limit, limit), "W/m²"))
+        title = f"{label}, minus reference"
+        below.append(Picture(title, signed, "RdBu_r", (-limit, limit), "W/m²"))
     panel(
         context.folder.path / name,
         [above, below, *more],

@@ -57,7 +57,7 @@ def _points(context: Context) -> Iterator[Point]:
                 lightmap,
                 bake.probes,
                 configuration.settings.bake_settings(),
-                directions=64 if context.quick else 512,
+                directions=64 if context.quick else 2048,
                 seed=context.seed,
             )
             keep(context, f"norm {probes}", np.repeat(norms[:, None], 3, axis=1))
@@ -91,13 +91,12 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     )
     group = truth_of(context, _configuration(context, _PROBES[0]), context.standing(), _IMAGE)
     limits = (0.0, _NORM_LIMIT)
-    blank = np.zeros(group.truth.seen.shape[:2])
-    maps = [Picture("operator norm", blank, "viridis", limits, "share")]
+    maps: list[Picture | None] = [None]
     for probes in counts:
         norms = kept(context, f"norm {probes}")
         if norms is not None and len(norms) == len(group.truth.value):
             image = group.truth.view.of(norms)[..., 0]
-            maps.append(Picture(_label(probes), image, "viridis", limits, "share"))
+            maps.append(Picture(f"{_label(probes)}: operator norm", image, "viridis", limits))
     shown = result_panel(
         context, "probe-density-pictures", group.truth, [_label(n) for n in counts], [maps]
     )

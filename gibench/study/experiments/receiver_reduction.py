@@ -39,19 +39,22 @@ def _counts(context: Context) -> tuple[int, ...]:
     return (2000, 1000, 500) if context.quick else _RECEIVERS
 
 
-def _configuration(context: Context, receivers: int) -> Any:
+def _scene(context: Context) -> str:
     # The built-in atrium stands for Sponza, which does not come with gibench.
-    scene = context.scene_or("atrium")[0]
+    return context.scene_or("cornell-box" if context.quick else "atrium")[0]
+
+
+def _configuration(context: Context, receivers: int) -> Any:
     probes = 12 if context.quick else _PROBES
     return context.srp(
-        scene, context.profiles[0], sh_order=_ORDER, probes=probes, receivers=receivers
+        _scene(context), context.profiles[0], sh_order=_ORDER, probes=probes, receivers=receivers
     )
 
 
 def _truth(context: Context, shared: FrozenShared) -> Reference:
     """The camera's image of indirect irradiance: it knows of no receivers, so it suits them all."""
     options = context.quality(_IMAGE)
-    scene = shared.scene(context.scene_or("atrium")[0])
+    scene = shared.scene(_scene(context))
     return reference_image(
         scene,
         choose_camera(scene, None),

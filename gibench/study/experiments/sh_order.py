@@ -62,7 +62,7 @@ def _points(context: Context) -> Iterator[Point]:
 
 
 def _present(context: Context, table: pd.DataFrame) -> str:
-    ok = table[table["status"] == "ok"].sort_values("sh_order")
+    ok = table[table["status"] == "ok"].sort_values(["against", "region", "sh_order"])
     axes = []
     for against, title in (
         (_label(_HIGHEST), "against order 7 (as the thesis)"),
