@@ -170,3 +170,20 @@ def test_the_rule_decides_when_no_frames_are_asked_for(fakes) -> None:
 def test_cold_frames_say_so(fakes) -> None:
     folder = fakes("--frames", "3", "--warmup", "1", "--cold")
     assert "Caches were emptied before every frame" in (folder / "report.md").read_text()
+
+
+@pytest.mark.parametrize("technique", ["srp", "direct"])
+def test_the_harness_costs_little_of_a_frame(technique: str, tmp_path: Path) -> None:
+    """What no kernel accounts for is under 5 % of a frame of the Cornell Box at full size."""
+    small = ("--set", "srp.transport_rays=32", "--set", "srp.relight_samples=128")
+    code = call(
+        [
+            *("run", "--technique", technique, "--receivers", "2000", "--quiet"),
+            *(small if technique == "srp" else ()),
+            *("--frames", "12", "--warmup", "3", "--out", str(tmp_path / "out")),
+            *("--cache-dir", str(tmp_path / "cache")),
+        ]
+    )
+    assert code == 0
+    frame = pd.read_csv(tmp_path / "out" / "frames.csv").iloc[0]
+    assert frame["gap_ms"] < 0.05 * frame["median_ms"]

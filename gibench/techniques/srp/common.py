@@ -86,7 +86,10 @@ class TransportSizes:
         )
 
     def transport_work(self, storage: str) -> Work:
-        """The least ``irradiance_transport`` does: every stored value read once."""
+        """The least ``irradiance_transport`` does: every stored value read once.
+
+        Of a lightmap texel's float4 the three channels count; the kernels store all of it.
+        """
         return Work(
             flops=self.reconstruction * 3 * 2,
             bytes_read=self.reconstruction * STORAGE_BYTES[storage]
