@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import tempfile
 from functools import lru_cache
+from itertools import count
 from pathlib import Path
 
 from gibench.device.device import select_cl_device
@@ -60,5 +61,13 @@ def test_pass(device_benchmark, technique, variant, name):
     item = passes[name]
     assert item.problem is None, item.problem
     device_benchmark.benchmark.group = f"{technique} ({variant})"
-    queue = made.device.queue
-    device_benchmark(lambda: [launch.enqueue(queue) for launch in item.launches])
+    queue, frames = made.device.queue, count(FRAMES_BEFORE)
+
+    def frame():
+        """A whole frame, for passes change what others read; the events of the one pass."""
+        made.begin_frame(next(frames))
+        events = {p.name: [one.enqueue(queue) for one in p.launches] for p in passes.values()}
+        queue.finish()
+        return events[name]
+
+    device_benchmark(frame)
