@@ -173,6 +173,7 @@ def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
 
     from gibench.measure.run_folder import SAMPLES
     from gibench.report.markdown import report
+    from gibench.report.roofline import write_roofline
     from gibench.report.tables import csv_text, frames_table, passes_table
     from gibench.report.terminal import show_run
 
@@ -180,6 +181,7 @@ def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
     passes, frames = passes_table(samples, record), frames_table(samples, record)
     folder.write_text("passes.csv", csv_text(passes))
     folder.write_text("frames.csv", csv_text(frames))
+    write_roofline(folder.path, passes, record)
     folder.write_text("report.md", report(passes, frames, record))
     if show:
         show_run(passes, frames, record)

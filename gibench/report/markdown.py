@@ -9,6 +9,7 @@ import pandas as pd
 
 from gibench.measure.statistics import REAL_TIME_MS, moved
 from gibench.report.images import METHOD
+from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
 
@@ -38,7 +39,7 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         "## Passes",
         *_passes(passes, frames),
         "## The machine's roofs",
-        _roofs_section(record),
+        _roofs_section(record, passes),
         *_how(record, passes, frames),
         *_notes(record, frames),
         "## What the figures say, and what they do not",
@@ -129,7 +130,7 @@ def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
     return sections
 
 
-def _roofs_section(record: Mapping[str, Any]) -> str:
+def _roofs_section(record: Mapping[str, Any], passes: pd.DataFrame) -> str:
     start, end = record["roofs"]["start"], record["roofs"]["end"]
     rows = [
         (title, number(start[name]), number(end[name]))
@@ -141,7 +142,9 @@ def _roofs_section(record: Mapping[str, Any]) -> str:
         "time the better of the two allows for a pass's declared bytes, flops and rays, over its "
         "median time. The ray roof is of incoherent closest hits in a small scene: shadow rays and "
         "rays that run together can pass it, rays in a large scene cannot reach it. Data that stay "
-        "in the cache can pass the bandwidth roof.\n\n" + _table(("roof", "start", "end"), rows)
+        "in the cache can pass the bandwidth roof.\n\n"
+        + _table(("roof", "start", "end"), rows)
+        + ("\n\n![roofline](roofline.png)" if drawable(passes).any() else "")
     )
 
 
