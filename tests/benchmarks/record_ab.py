@@ -71,22 +71,20 @@ def calibrate(
 ) -> tuple[int, float]:
     """Turns that make the slowed pass slower by ``aim``, and what they reached."""
     rng = np.random.default_rng(1)
-    turns, best = FIRST_TURNS, (FIRST_TURNS, np.inf)
+    turns, each = FIRST_TURNS, []
     for _ in range(8):
         root = slowed_tree(base, folder, turns)
-        ratios = [one_pair(spec, base, root, options, rng)[1][SLOWED] for _ in range(5)]
+        ratios = [one_pair(spec, base, root, options, rng)[1][SLOWED] for _ in range(7)]
         reached = float(np.expm1(np.median(ratios)))
         print(f"  {turns} turns: {SLOWED} {100 * reached:+.1f} %", flush=True)
-        if abs(reached - aim) < abs(best[1] - aim):
-            best = turns, reached
-        if abs(reached - aim) < 0.005:
-            break
-        # The cost grows with the turns; stay within a factor of four of the last try.
-        scale = min(max(aim / reached, 0.25), 4.0) if reached > 0 else 4.0
-        turns = max(1, round(turns * scale))
-    if abs(best[1] - aim) > 0.01:
-        raise SystemExit(f"cannot make {SLOWED} {100 * aim:.0f} % slower: the machine is busy")
-    return best
+        if abs(reached - aim) < 0.01:
+            return turns, reached
+        # The cost grows with the turns; what all tries say of one turn, within a factor of four.
+        each.append(max(reached, 0.0) / turns)
+        cost = float(np.median(each))
+        wanted = aim / cost if cost > 0 else 4 * turns
+        turns = max(1, round(min(max(wanted, turns / 4), 4 * turns)))
+    raise SystemExit(f"cannot make {SLOWED} {100 * aim:.0f} % slower: the machine is busy")
 
 
 def one_pair(spec, old, new, options, rng):
