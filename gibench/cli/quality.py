@@ -110,12 +110,11 @@ def quality(
     from gibench.report.tables import csv_text
     from gibench.study.frozen import FrozenShared
     from gibench.study.pictures import write_pictures
-    from gibench.study.quality import COLUMNS, Group, QualityOptions, check_target_error, compare
+    from gibench.study.quality import COLUMNS, Group, QualityOptions, check_views, compare
     from gibench.study.receivers_file import NAME, write_receivers
     from gibench.study.settle import SettleOptions
 
     width, height = options.resolution(resolution)
-    check_target_error(target_error)
     profiles = options.load_profiles(device_profile)
     specs = options.find_techniques(technique)
     asked = options.request(scene, variant, sh_order, probes, receivers, workgroup_size, settings)
@@ -136,6 +135,7 @@ def quality(
         reference=reference,
         reference_seed=reference_seed,
     )
+    check_views(configurations, how, shared)
     arguments = _arguments(locals())
     path = out or Path(
         *("results", "quality", default_folder([p.name for p in profiles]).name),

@@ -120,6 +120,23 @@ def check_target_error(target: float) -> None:
         )
 
 
+def check_views(
+    configurations: Sequence[Configuration], options: QualityOptions, shared: FrozenShared
+) -> None:
+    """Refuse what is wrong with scenes, cameras and regions before anything long.
+
+    Raises:
+        BadInput: naming it.
+    """
+    check_target_error(options.target_error)
+    for configuration in configurations:
+        scene = shared.scene(configuration.scene)
+        camera = choose_camera(scene, options.loop.camera)
+        read_regions(scene, camera, options.regions, options.loop.width, options.loop.height)
+    if options.reference is not None and not options.reference.is_file():
+        raise BadInput("no such file", where=options.reference)
+
+
 def compare(
     configurations: Sequence[Configuration],
     options: QualityOptions,
@@ -142,11 +159,7 @@ def compare(
     Raises:
         BadInput: the scene, camera, a region, the reference's file or its target error is wrong.
     """
-    check_target_error(options.target_error)
-    for configuration in configurations:
-        scene = shared.scene(configuration.scene)
-        camera = choose_camera(scene, options.loop.camera)
-        read_regions(scene, camera, options.regions, options.loop.width, options.loop.height)
+    check_views(configurations, options, shared)
     names = result_names(configurations)
     outcome = Outcome()
     try:

@@ -92,7 +92,7 @@ def read_reference(path: Path, lightmap: Lightmap, made_of: Mapping[str, Any]) -
     except FileNotFoundError:
         raise BadInput("no such file", where=path, mend=mend) from None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise BadInput("not a receivers.npz of gibench", where=path, mend=mend) from error
+        raise BadInput("not a receivers file of gibench quality", where=path, mend=mend) from error
     for name, now in made_of.items():
         if name in ("scene", "light", "bounces") and about.get(name) != now:
             raise BadInput(f"the receivers are of another {name}", where=path, mend=mend)
