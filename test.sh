@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Install everything the tests need into .venv (and Oclgrind from Debian, where apt-get is there),
-# then run the linters, the type checker, the import contract and the tests.
+# then run the linters, the type checker, the import contract and the tests. The tests marked slow
+# (real scenes at full size, long flights) are run by ./test.sh -m slow.
 set -euo pipefail
 cd "$(dirname "$0")"
 
@@ -16,4 +17,4 @@ ruff check .
 ruff format --check .
 mypy
 lint-imports
-pytest -n 2 "$@"
+pytest -n 2 -m "not slow" "$@"
