@@ -17,4 +17,4 @@ ruff check .
 ruff format --check .
 mypy
 lint-imports
-pytest -n 2 -m "not slow" "$@"
+pytest -n 2 --dist worksteal -m "not slow" "$@"

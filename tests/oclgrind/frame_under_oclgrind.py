@@ -25,7 +25,16 @@ from gibench.techniques.registry import BakeContext, CreateContext, find_techniq
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
 RECEIVERS, WIDTH, HEIGHT = 90, 18, 17
-SMALL = {"sh_order": 2, "probes": 3, "relight_samples": 40, "transport_rays": 24, "rays": 40}
+SMALL = {
+    "sh_order": 2,
+    "probes": 3,
+    "relight_samples": 40,
+    "transport_rays": 24,
+    "rays": 40,
+    "surfels": 300,
+    "ray_budget": 400,
+    "grid_cells": 6,
+}
 
 
 def record_kernels() -> set[str]:
