@@ -51,7 +51,7 @@ def timed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
 
 def test_the_same_kernels_pass_after_the_fewest_pairs(timed, capsys) -> None:
-    assert timed(1.0) == (0, 8)
+    assert timed(1.0) == (0, 9)
     out = capsys.readouterr().out
     assert out.count("same") >= 2
     assert "Old and new are the same kernels." in out
@@ -59,11 +59,11 @@ def test_the_same_kernels_pass_after_the_fewest_pairs(timed, capsys) -> None:
 
 def test_slower_kernels_fail_by_name(timed, tmp_path: Path, capsys) -> None:
     files = "--json", str(tmp_path / "a.json"), "--markdown", str(tmp_path / "a.md")
-    assert timed(1.12, *files) == (1, 8)
+    assert timed(1.12, *files) == (1, 9)
     assert "slower by more than 5%: frame, forward_render" in told(capsys)
     content = json.loads((tmp_path / "a.json").read_text())
     assert content["slower"] == [FRAME, "forward_render"]
-    assert len(content["log_ratios"][FRAME]) == 8
+    assert len(content["log_ratios"][FRAME]) == 9
     assert "| 🔴 | forward_render |" in (tmp_path / "a.md").read_text()
     assert timed(1.12, "--threshold", "20%")[0] == 0
 

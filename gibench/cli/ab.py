@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,7 +55,7 @@ def ab(
             "--replicates",
             min=1,
             metavar="N",
-            help="Pairs of processes, exactly; by default 8 to 24, until every row is decided or "
+            help="Pairs of processes, exactly; by default 9 to 24, until every row is decided or "
             "--seconds are over.",
         ),
     ] = None,
@@ -179,6 +180,11 @@ def _remarks(result: AbResult, limit: float) -> list[str]:
         f"{result.old.name} ({result.old.content_hash[:12]}), new: {result.new.name} "
         f"({result.new.content_hash[:12]})."
     ]
+    if (load := os.getloadavg()[0]) > 1.5 * (os.cpu_count() or 1):
+        remarks.append(
+            f"The machine is busy (load {load:.1f} on {os.cpu_count()} threads): intervals are wide "
+            "and a slowdown may be missed."
+        )
     if result.old.content_hash == result.new.content_hash:
         remarks.append("Old and new are the same kernels.")
     if rows := undecided(result.judged):
