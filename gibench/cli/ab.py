@@ -182,8 +182,8 @@ def _remarks(result: AbResult, limit: float) -> list[str]:
     ]
     if (load := os.getloadavg()[0]) > 1.5 * (os.cpu_count() or 1):
         remarks.append(
-            f"The machine is busy (load {load:.1f} on {os.cpu_count()} threads): intervals are wide "
-            "and a slowdown may be missed."
+            f"The machine is busy (load {load:.1f} on {os.cpu_count()} threads): intervals are "
+            "wide and a slowdown may be missed."
         )
     if result.old.content_hash == result.new.content_hash:
         remarks.append("Old and new are the same kernels.")
