@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -41,12 +42,15 @@ def record(folder: Path, turns: int) -> Path:
     folder.mkdir()
     (folder / "conftest.py").write_text('pytest_plugins = ["gibench.pytest_plugin"]\n')
     (folder / "test_mine.py").write_text(TEST % turns)
+    # pytest-benchmark switches itself off in what looks like a worker of xdist.
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
     ran = subprocess.run(
         [
             *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir=."),
             *("--benchmark-json", "out.json", "test_mine.py"),
         ],
         cwd=folder,
+        env=environment,
         capture_output=True,
         text=True,
         timeout=120,
