@@ -7,9 +7,9 @@ import numpy as np
 from gibench.scene.model import Floats, Scene
 from gibench.scene.raster import Doubles, Longs
 
-# A piece that covers more pixels than this at full resolution is averaged over halved images. Halved
-# pixels blur across the piece's outline: at 64, one white-noise triangle in 240 came out further off
-# than 0.02 + 0.3 / sqrt(pixels); at 256, none of 2160.
+# A piece that covers more pixels than this at full resolution is averaged over halved images.
+# Halved pixels blur across the piece's outline: at 64, one white-noise triangle in 240 came out
+# further off than 0.02 + 0.3 / sqrt(pixels); at 256, none of 2160.
 MOST_PIXELS = 256.0
 # Samples along each side of a piece: one per pixel it covers, at most 16 x 16 = MOST_PIXELS.
 SIDES = (1, 2, 4, 8, 16)
