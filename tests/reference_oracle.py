@@ -86,6 +86,14 @@ def surface(scene, triangle, u, v):
     return w @ np.array((a, b, c)), geometric, shading, w @ scene.uvs[ids].astype(np.float64)
 
 
+def leave_surface(point, normal):
+    """A float32 point moved by up to 256 units in the last place along ``normal``."""
+    p, n = np.asarray(point, np.float32), np.asarray(normal, np.float32)
+    step = (np.float32(256) * n).astype(np.int32)
+    moved = (p.view(np.int32) + np.where(p < 0, -step, step)).view(np.float32)
+    return np.where(np.abs(p) < 0.03125, p + np.float32(2**-16) * n, moved).astype(np.float64)
+
+
 def texture(pixels, uv):
     height, width = pixels.shape[:2]
     x, y = uv[0] * width - 0.5, (1 - uv[1]) * height - 0.5

@@ -27,6 +27,7 @@ from gibench.scene.model import (
 
 OWNERS, SAMPLES, SEED = 37, 7, 12345
 GROUPS = [1, 16, 64, 100]
+GRAZING = 1e-6
 
 
 @pytest.fixture(params=GROUPS)
@@ -84,6 +85,10 @@ class ChosenRays:
 
     def occluded(self, origins, directions, max_distance=np.inf):
         self.rays = origins.copy(), directions.copy(), np.array(max_distance)
+        return self.blocked(directions)
+
+    @staticmethod
+    def blocked(directions):
         return directions[:, 0] > 0.2
 
 
@@ -140,7 +145,7 @@ def connection(scene, packed, light, vertex, path, point, normal):
         r = np.sqrt(within)
         triangle = packed.emitters.triangle[i]
         at, facing, _, _ = oracle.surface(scene, triangle, r * (1 - y), r * y)
-        to = at - point
+        to = oracle.leave_surface(at, facing) - point
         distance = np.linalg.norm(to)
         to /= distance
         material = scene.material_ids[triangle]
@@ -175,28 +180,33 @@ def test_connect_and_resolve(group, vertex, count):
     front._connect(q, at, count, vertex, WHICH)
     front.program.queue.finish()
     packed = pack_scene(scene, 0)
-    expected, rays = before.astype(np.float64), []
+    origins, directions, limits = tracer.rays or (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    found = np.column_stack((origins, directions)).astype(np.float64)
+    blocked = tracer.blocked(directions)
+    expected, wanted, doubtful = before.astype(np.float64), 0, 0
     for v in range(count):
         point, normal = at.origin.array[v].astype(float), at.shading.array[v].astype(float)
         path = int(at.path.array[v])
         for light in range(len(scene.lights) if vertex == 0 else 0, len(scene.lights) + 2):
             to, distance, weight = connection(scene, packed, light, vertex, path, point, normal)
-            if weight.sum() > 0 and to @ at.geometric.array[v] > 0:
-                rays.append((*point, *to, distance))
-                if np.float32(to[0]) <= 0.2:
+            above = to @ at.geometric.array[v]
+            # Grazing the geometric surface, float32 and float64 may decide differently.
+            doubtful += abs(above) < GRAZING and weight.sum() > 0
+            if weight.sum() > 0 and above > 0:
+                off = np.abs(found - np.concatenate((point, to))).max(axis=1)
+                ray = int(off.argmin())
+                if off[ray] > 1e-5:
+                    assert above < GRAZING
+                    continue
+                wanted += 1
+                # A limit just short of the light.
+                assert limits[ray] == pytest.approx(distance, rel=2e-5)
+                if not blocked[ray]:
                     expected[path] += weight * q.throughput.array[path]
     assert q.collected.array == pytest.approx(expected, rel=2e-3, abs=2e-4)
     # Every connection has one ray, in whatever order.
-    origins, directions, limits = tracer.rays if rays else (np.zeros((0, 3)),) * 3
-    assert len(origins) == len(rays)
-    if rays:
-        found = np.column_stack((origins, directions, limits))
-        wanted = np.array(rays)
-        found, wanted = (a[np.lexsort(np.round(a[:, 5::-1], 3).T)] for a in (found, wanted))
-        matched = [np.abs(wanted[:, :6] - f[:6]).max(axis=1).min() for f in found]
-        assert max(matched) < 5e-4
-        # A limit just short of the light; an emitter's point is lifted off its surface besides.
-        assert np.sort(limits) == pytest.approx(np.sort(wanted[:, 6]), rel=2e-4)
+    assert wanted <= len(found) <= wanted + doubtful
+    assert len(np.unique(found, axis=0)) == len(found)
 
 
 @pytest.mark.parametrize(
