@@ -10,6 +10,8 @@ from scipy.special import sph_harm_y
 from gibench.bake.octahedral import octahedral_cells, octahedral_decode
 from gibench.bake.sampling import sphere_directions, strata
 from gibench.bake.sh import sh_basis
+from vector_widths import widths
+
 from gibench.device import kernel_source, list_devices
 
 
@@ -70,7 +72,7 @@ __kernel void basis(__global const float *d, __global const float *w, __global f
 """
 
 
-@pytest.mark.parametrize(("vector", "order"), [(1, 2), (2, 0), (4, 5), (16, 7)])
+@pytest.mark.parametrize(("vector", "order"), widths((1, 2), (2, 0), (4, 5), (8, 6), (16, 7)))
 def test_kernel_basis_and_cells(vector, order):
     source = re.sub(
         r'#include "([^"]+)"', lambda match: kernel_source(match.group(1)), PROBE, count=2

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vector_widths import widths
 from gibench.bake.lightmap_cache import cached_lightmap
 from gibench.device import Device
 from gibench.errors import BadInput, CannotRun, GibenchError
@@ -92,7 +93,7 @@ def test_the_machines_roofs_are_plausible_and_take_no_time() -> None:
 
 
 @pytest.mark.parametrize(("count", "stretch", "size"), ((1000, 7, 8), (64, 4, 64), (13, 4, 32)))
-@pytest.mark.parametrize("width", (1, 4, 16))
+@pytest.mark.parametrize("width", widths(1, 4, 8, 16))
 def test_the_roof_kernels_do_what_they_say(count: int, stretch: int, size: int, width: int) -> None:
     device = Device(IPHONE)
     program = device.program("measure/roofs.cl", {"VEC": width})

@@ -21,7 +21,7 @@ from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.srp_data import ProbeSet, sh_count
 from gibench.bake.visibility import UNDECIDED, VisibilityTables, no_tables
 from gibench.bake.weights import Nearby, nearby
-from gibench.device import kernel_source, list_devices
+from gibench.device import build_program, kernel_source, list_devices, vector_width
 from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Floats, Ints, Scene
@@ -116,7 +116,7 @@ class TransportBaker:
         self.table_receivers = len(lightmap.receivers) if tables else 0
         self.coefficients = sh_count(settings.sh_order)
         cl_device = list_devices()[0] if cl_device is None else cl_device
-        self.vector = vector or min(int(cl_device.preferred_vector_width_float), 16)
+        self.vector = vector or vector_width(cl_device)
         self.stride = -(-settings.transport_rays // self.vector) * self.vector
         self.context = cl.Context([cl_device])
         defines = {
@@ -125,9 +125,7 @@ class TransportBaker:
             "PROBES": len(probes),
             "GRID": tables.grid if tables else 0,
         }
-        self.program = cl.Program(self.context, kernel_source("bake/transport.cl")).build(
-            options=[f"-D{name}={value}" for name, value in defines.items()]
-        )
+        self.program = build_program(self.context, kernel_source("bake/transport.cl"), defines)
         rng = np.random.default_rng([seed, 1])
         points = primary_points(settings.transport_rays, self.stride, seed)
         receivers, fragments = lightmap.receivers, lightmap.fragments

@@ -12,11 +12,10 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from gibench.device.buffers import Buffer, MemoryLedger, nbytes_of
+from gibench.device.build import Define, build_program, macro_options, vector_width
 from gibench.device.source import kernel_source
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.profiles import DeviceProfile
-
-Define = int | float | str | bool
 
 
 def list_devices() -> list[Any]:
@@ -92,12 +91,12 @@ class Device:
         )
         self.memory = MemoryLedger(profile)
         self.kernel_root = kernel_root
-        self._programs: dict[tuple[str, str], Program] = {}
+        self._programs: dict[tuple[str, tuple[str, ...]], Program] = {}
 
     @property
     def vector_width(self) -> int:
-        """Floats per vector that suit this device: 16 with AVX-512 under PoCL, 1 on most GPUs."""
-        return int(self.cl_device.preferred_vector_width_float)
+        """Floats per vector that suit this device: 16 with AVX-512, 8 with AVX, 1 on most GPUs."""
+        return vector_width(self.cl_device)
 
     # -- buffers -----------------------------------------------------------------------------
 
@@ -169,14 +168,13 @@ class Device:
             GibenchError: the compiler refuses it; the message carries the first line of its log.
         """
         defines = dict(defines or {})
-        options = " ".join(f"-D{key}={_macro(value)}" for key, value in sorted(defines.items()))
-        key = (path, options)
+        key = (path, macro_options(defines))
         if key not in self._programs:
             source = kernel_source(path, self.kernel_root)
             try:
-                built = cl.Program(self.context, source).build(options=options.split())
+                built = build_program(self.context, source, defines)
             except cl.RuntimeError as error:
-                raise GibenchError(f"building {path} with '{options}' failed: {error}") from error
+                raise GibenchError(f"building {path} with {defines} failed: {error}") from error
             self._programs[key] = Program(source, built, defines)
         return self._programs[key]
 
@@ -225,11 +223,3 @@ def select_cl_device(index: int | None) -> Any:
             mend=f"'gibench devices' lists the {len(devices)} there are, counted from 0",
         )
     return devices[index]
-
-
-def _macro(value: Define) -> str:
-    if isinstance(value, bool):
-        return "1" if value else "0"
-    if isinstance(value, float):
-        return f"{value!r}f"
-    return str(value)

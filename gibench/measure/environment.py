@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import gibench
+from gibench.device import vector_width
 
 _PACKAGES = (
     *("numpy", "pandas", "scipy", "pyopencl", "pocl-binary-distribution", "embreex", "xatlas"),
@@ -68,7 +69,7 @@ def device_record(cl_device: Any) -> dict[str, Any]:
         "max_workgroup_size": int(cl_device.max_work_group_size),
         "local_memory_bytes": int(cl_device.local_mem_size),
         "global_memory_bytes": int(cl_device.global_mem_size),
-        "vector_width_float": int(cl_device.preferred_vector_width_float),
+        "vector_width_float": vector_width(cl_device),
     }
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from gibench.device.source import kernel_source
+from gibench.device import build_program, kernel_source
 from gibench.errors import CannotRun
 
 GROUP = 64
@@ -69,8 +69,7 @@ def host_program(group: int = GROUP) -> HostProgram:
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
     context = cl.Context([_cpu()])
-    program = cl.Program(context, kernel_source("reference/path.cl"))
-    built = program.build(options=[f"-DGROUP={group}"])
+    built = build_program(context, kernel_source("reference/path.cl"), {"GROUP": group})
     kernels = {kernel.function_name: kernel for kernel in built.all_kernels()}
     return HostProgram(context, cl.CommandQueue(context), kernels, group)
 

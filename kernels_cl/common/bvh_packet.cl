@@ -85,19 +85,20 @@ inline bool bvh_packet(float16 ox, float16 oy, float16 oz, float16 dx, float16 d
     p->near_x = lx < 0.0f ? 8 : 0;
     p->near_y = ly < 0.0f ? 24 : 16;
     p->near_z = lz < 0.0f ? 40 : 32;
-    const float16 ax = fabs(dx), ay = fabs(dy), az = fabs(dz);
+    const float16 ax = dx < 0.0f ? -dx : dx, ay = dy < 0.0f ? -dy : dy, az = dz < 0.0f ? -dz : dz;
+    const float16 yz = ay > az ? ay : az, xz = ax > az ? ax : az, xy = ax > ay ? ax : ay;
     // A shear axis shorter than half of the longest one would cost precision.
-    if (bvh_mask16(ax * 2.0f < max(ay, az)) == 0) {
+    if (bvh_mask16(ax * 2.0f < yz) == 0) {
         p->kx = 8, p->ky = 16, p->kz = 0;
         p->ox = oy, p->oy = oz, p->oz = ox;
         p->sz = 1.0f / dx;
         p->sx = dy * p->sz, p->sy = dz * p->sz;
-    } else if (bvh_mask16(ay * 2.0f < max(ax, az)) == 0) {
+    } else if (bvh_mask16(ay * 2.0f < xz) == 0) {
         p->kx = 16, p->ky = 0, p->kz = 8;
         p->ox = oz, p->oy = ox, p->oz = oy;
         p->sz = 1.0f / dy;
         p->sx = dz * p->sz, p->sy = dx * p->sz;
-    } else if (bvh_mask16(az * 2.0f < max(ax, ay)) == 0) {
+    } else if (bvh_mask16(az * 2.0f < xy) == 0) {
         p->kx = 0, p->ky = 8, p->kz = 16;
         p->ox = ox, p->oy = oy, p->oz = oz;
         p->sz = 1.0f / dz;

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from gibench.device import Buffer
-from gibench.device.device import Define
+from gibench.device.build import Define
 from gibench.errors import CannotRun
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gibench.device import Buffer, Device
-from gibench.device.device import Define
+from gibench.device.build import Define
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume, ray_directions
 from gibench.techniques.technique import Argument

@@ -1,0 +1,22 @@
+"""Which vector widths the kernels' tests can compile for on this machine."""
+
+from typing import Any
+
+import pytest
+
+from gibench.device import list_devices, vector_width
+
+
+def widths(*wanted: Any) -> list[Any]:
+    """Parameters whose first (or only) value is a vector width; skipped where it is too wide.
+
+    Only PoCL compiling for AVX without AVX-512 is refused a width (``gibench.device.build``).
+    """
+    narrow = vector_width(list_devices()[0]) == 8
+    skip = pytest.mark.skip(reason="the device compiles for vectors of 8 at most")
+    parameters = []
+    for given in wanted:
+        values = given if isinstance(given, tuple) else (given,)
+        marks = [skip] if narrow and values[0] > 8 else []
+        parameters.append(pytest.param(*values, marks=marks))
+    return parameters
