@@ -6,12 +6,11 @@ import numpy as np
 import pyopencl as cl
 import pytest
 from scipy.special import sph_harm_y
+from vector_widths import widths
 
 from gibench.bake.octahedral import octahedral_cells, octahedral_decode
 from gibench.bake.sampling import sphere_directions, strata
 from gibench.bake.sh import sh_basis
-from vector_widths import widths
-
 from gibench.device import kernel_source, list_devices
 
 

@@ -13,8 +13,8 @@ from gibs_surfels import (
     surfel_grid,
     unit_vectors,
 )
-
 from vector_widths import widths
+
 from gibench.device import Device, kernel_source
 from gibench.profiles import load_profile
 from gibench.techniques.gibs.grid import PerspectiveGrid, UniformGrid
@@ -225,7 +225,9 @@ def gathered(x, n, position, normal, radius, irradiance, moments):
 
 
 @pytest.mark.parametrize("depth", [False, True])
-@pytest.mark.parametrize(("vec", "published"), widths((1, True), *((v, False) for v in (1, 2, 4, 8, 16))))
+@pytest.mark.parametrize(
+    ("vec", "published"), widths((1, True), *((v, False) for v in (1, 2, 4, 8, 16)))
+)
 @pytest.mark.parametrize("kind", ["uniform", "perspective"])
 def test_gathering_equals_the_sum_over_all_surfels(kind, published, vec, depth):
     rng = np.random.default_rng()

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from vector_widths import widths
+
 from gibench.bake.lightmap_cache import cached_lightmap
 from gibench.device import Device
 from gibench.errors import BadInput, CannotRun, GibenchError
