@@ -21,6 +21,7 @@ from gibench.techniques.gibs.grid import PerspectiveGrid, UniformGrid
 from gibench.techniques.technique import Launch
 
 STRETCH = 4.0
+VARIANTS = widths((1, True), *((width, False) for width in (1, 2, 4, 8, 16)))
 BOUNDS = (np.zeros(3), np.array([1.0, 0.7, 0.9]))
 LUMA = np.array([0.299, 0.587, 0.114])
 SIZES = (1, 24, 64, 256)

@@ -16,7 +16,8 @@ from gibench.rays.tracer import Hits
 from gibench.scene.model import Floats
 
 _CHUNK_RAYS = 262144
-_PACKET_RAYS = 16
+# Rays of a packet: a vector of the device, at least this many (kernels_cl/common/bvh_packet.cl).
+LEAST_PACKET = 8
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,11 @@ class DeviceBvh:
         return (self.nodes, self.triangles)
 
 
+def packet_rays(device: Device) -> int:
+    """How many rays a packet holds on ``device``: 8 or 16."""
+    return 16 if device.vector_width >= 16 else LEAST_PACKET
+
+
 class DeviceTracer:
     """A :class:`~gibench.rays.tracer.RayTracer` by ``rays/trace.cl`` on ``device``.
 
@@ -62,8 +68,9 @@ class DeviceTracer:
         workgroup_size: work-items per group; the profile's default when None.
         chunk_rays: rays per launch.
         name: prefix of the buffers' names in the ledger.
-        packets: trace 16 consecutive rays together (kernels_cl/common/bvh_packet.cl): the same hits
-            up to rounding, faster for coherent rays only.
+        packets: trace as many consecutive rays together as a vector holds
+            (kernels_cl/common/bvh_packet.cl): the same hits up to rounding, faster for coherent
+            rays only.
 
     Raises:
         CannotRun: the work-group size or the buffers break the device's profile.
@@ -82,8 +89,12 @@ class DeviceTracer:
         self.device_bvh = device_bvh
         self.chunk_rays = chunk_rays
         self.workgroup_size = workgroup_size or device.profile.default_workgroup_size
-        program = device.program("rays/trace_packets.cl" if packets else "rays/trace.cl")
-        self._rays_per_item = _PACKET_RAYS if packets else 1
+        self._rays_per_item = packet_rays(device) if packets else 1
+        program = (
+            device.program("rays/trace_packets.cl", {"PACKET": self._rays_per_item})
+            if packets
+            else device.program("rays/trace.cl")
+        )
         self._closest = program.kernel("trace_closest")
         self._occluded = program.kernel("trace_occluded")
         for kernel in (self._closest, self._occluded):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibench.device import Buffer, Device
+from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
 from gibench.scene.model import DirectionalLight
 from gibench.techniques.frame_scene import FrameLightmap, FrameScene, border_texels
 from gibench.techniques.launching import prepare_launch
@@ -15,9 +16,6 @@ from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Wor
 SHOW_DIRECT = 1  # kernels_cl/common/show.cl
 SHOW_INDIRECT = 2
 TILE_SIDE = 8  # kernels_cl/common/sampling.cl
-PACKET = 16  # pixels of a work-item of kernels_cl/common/forward_packet.cl
-# Floats per vector from which on packets of rays pay: below, 16 lanes are 16 / width instructions.
-WIDE_VECTOR = 8
 
 
 def lightmap_update(
@@ -114,10 +112,13 @@ def forward_launch(
         receivers: needed with ``indirect``.
         indirect: dilated map of indirect irradiance; None for direct light only.
         show: sum of SHOW_DIRECT and SHOW_INDIRECT.
-        packets: trace 16 rays together (see :func:`suits_packets`).
+        packets: trace as many rays together as a vector holds (see :func:`suits_packets`).
     """
     source = "common/forward_packet.cl" if packets else "common/forward_render.cl"
-    program = scene.device.program(source, {"INDIRECT": int(indirect is not None)})
+    packet = packet_rays(scene.device) if packets else 1
+    program = scene.device.program(
+        source, {"INDIRECT": int(indirect is not None), **({"PACKET": packet} if packets else {})}
+    )
     lookup: tuple[Argument, ...] = ()
     if indirect is not None and receivers is not None:
         size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
@@ -134,12 +135,12 @@ def forward_launch(
     )
     tiles = -(-scene.width // TILE_SIDE) * -(-scene.height // TILE_SIDE)
     pixels = tiles * TILE_SIDE**2
-    return Launch(program, "forward_render", args, items=pixels // PACKET if packets else pixels)
+    return Launch(program, "forward_render", args, items=pixels // packet)
 
 
 def suits_packets(device: Device) -> bool:
     """Whether tuned passes trace packets of rays on ``device``: where its vectors are wide."""
-    return device.vector_width >= WIDE_VECTOR
+    return device.vector_width >= LEAST_PACKET
 
 
 def forward_render(

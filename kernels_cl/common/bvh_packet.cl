@@ -1,9 +1,10 @@
-// Sixteen coherent rays at a time through the tree of common/bvh.cl: primary rays of a tile of
-// pixels, shadow rays of neighbouring texels. For processors with wide vectors.
+// PACKET coherent rays (8 or 16, a vector of the device) at a time through the tree of
+// common/bvh.cl: primary rays of a tile of pixels, shadow rays of neighbouring texels. For
+// processors with wide vectors.
 //
 // Boxes are tested once for the whole packet, 8 at a time, with the intervals of its origins and
 // inverse directions (Boulos, Wald and Shirley 2006, "Geometric and Arithmetic Culling Methods for
-// Entire Ray Packets"); triangles one at a time, 16 rays at once, by the same watertight test as for
+// Entire Ray Packets"); triangles one at a time, all rays at once, by the same watertight test as for
 // single rays with one shear axis for all. Results are those of single rays up to rounding whatever
 // the rays are; they are fast only where rays start and head alike. A packet whose directions
 // differ in sign on an axis, or have no long axis in common, is traced ray by ray, and one that has
@@ -13,18 +14,29 @@
 
 #include "common/bvh.cl"
 
+#include "common/vec_width.cl"
+
+#ifndef PACKET
+#define PACKET 16
+#endif
+
+typedef VEC_JOIN(float, PACKET) pfloat;
+typedef VEC_JOIN(int, PACKET) pint;
+#define pload(i, p) VEC_JOIN(vload, PACKET)(i, p)
+#define pstore(v, i, p) VEC_JOIN(vstore, PACKET)(v, i, p)
+
 // What a packet may spend, a node counting 1 and a block of triangles 4 (their times, measured on
 // PoCL). Sixteen single primary rays in Sponza spend about 400 in these units.
 #ifndef BVH_PACKET_BUDGET
-#define BVH_PACKET_BUDGET 160
+#define BVH_PACKET_BUDGET (10 * PACKET)
 #endif
 
 typedef struct {
-    float16 t;
-    float16 u;
-    float16 v;
-    int16 triangle;
-} Hit16;
+    pfloat t;
+    pfloat u;
+    pfloat v;
+    pint triangle;
+} HitPacket;
 
 typedef struct {
     // Per axis: the origins' bounds that make entry early and exit late, least and greatest inverse.
@@ -32,14 +44,18 @@ typedef struct {
     float3 inverse_low, inverse_high;
     int near_x, near_y, near_z;
     int kx, ky, kz;
-    float16 ox, oy, oz;
-    float16 sx, sy, sz;
+    pfloat ox, oy, oz;
+    pfloat sx, sy, sz;
 } BvhPacket;
 
-inline float bvh_least(float16 a)
+inline float bvh_least(pfloat a)
 {
+#if PACKET == 16
     const float8 *halves = (const float8 *)&a;
     const float8 b = bvh_min8(halves[0], halves[1]);
+#else
+    const float8 b = a;
+#endif
     const float4 *quarters = (const float4 *)&b;
     const float4 c = quarters[0] < quarters[1] ? quarters[0] : quarters[1];
     const float d = c.x < c.y ? c.x : c.y;
@@ -47,19 +63,23 @@ inline float bvh_least(float16 a)
     return d < e ? d : e;
 }
 
-inline float bvh_greatest(float16 a)
+inline float bvh_greatest(pfloat a)
 {
     return -bvh_least(-a);
 }
 
-inline uint bvh_mask16(int16 lanes)
+inline uint bvh_lanes(pint lanes)
 {
+#if PACKET == 16
     const int8 *halves = (const int8 *)&lanes;
     return bvh_mask(halves[0]) | (bvh_mask(halves[1]) << 8);
+#else
+    return bvh_mask(lanes);
+#endif
 }
 
 // Bounds of one axis; false where directions differ in sign or vanish.
-inline bool bvh_axis(float16 o, float16 d, float *origin_near, float *origin_far,
+inline bool bvh_axis(pfloat o, pfloat d, float *origin_near, float *origin_far,
                      float *inverse_low, float *inverse_high)
 {
     const float low = bvh_least(d), high = bvh_greatest(d);
@@ -73,7 +93,7 @@ inline bool bvh_axis(float16 o, float16 d, float *origin_near, float *origin_far
 }
 
 // Sets the packet up; false where it must be traced ray by ray.
-inline bool bvh_packet(float16 ox, float16 oy, float16 oz, float16 dx, float16 dy, float16 dz,
+inline bool bvh_packet(pfloat ox, pfloat oy, pfloat oz, pfloat dx, pfloat dy, pfloat dz,
                        BvhPacket *p)
 {
     float nx, ny, nz, fx, fy, fz, lx, ly, lz, hx, hy, hz;
@@ -85,20 +105,20 @@ inline bool bvh_packet(float16 ox, float16 oy, float16 oz, float16 dx, float16 d
     p->near_x = lx < 0.0f ? 8 : 0;
     p->near_y = ly < 0.0f ? 24 : 16;
     p->near_z = lz < 0.0f ? 40 : 32;
-    const float16 ax = dx < 0.0f ? -dx : dx, ay = dy < 0.0f ? -dy : dy, az = dz < 0.0f ? -dz : dz;
-    const float16 yz = ay > az ? ay : az, xz = ax > az ? ax : az, xy = ax > ay ? ax : ay;
+    const pfloat ax = dx < 0.0f ? -dx : dx, ay = dy < 0.0f ? -dy : dy, az = dz < 0.0f ? -dz : dz;
+    const pfloat yz = ay > az ? ay : az, xz = ax > az ? ax : az, xy = ax > ay ? ax : ay;
     // A shear axis shorter than half of the longest one would cost precision.
-    if (bvh_mask16(ax * 2.0f < yz) == 0) {
+    if (bvh_lanes(ax * 2.0f < yz) == 0) {
         p->kx = 8, p->ky = 16, p->kz = 0;
         p->ox = oy, p->oy = oz, p->oz = ox;
         p->sz = 1.0f / dx;
         p->sx = dy * p->sz, p->sy = dz * p->sz;
-    } else if (bvh_mask16(ay * 2.0f < xz) == 0) {
+    } else if (bvh_lanes(ay * 2.0f < xz) == 0) {
         p->kx = 16, p->ky = 0, p->kz = 8;
         p->ox = oz, p->oy = ox, p->oz = oy;
         p->sz = 1.0f / dy;
         p->sx = dz * p->sz, p->sy = dx * p->sz;
-    } else if (bvh_mask16(az * 2.0f < xy) == 0) {
+    } else if (bvh_lanes(az * 2.0f < xy) == 0) {
         p->kx = 0, p->ky = 8, p->kz = 16;
         p->ox = ox, p->oy = oy, p->oz = oz;
         p->sz = 1.0f / dz;
@@ -139,89 +159,89 @@ inline uint bvh_packet_boxes(__global const float *node, const BvhPacket *p, flo
     return bvh_mask(enter <= leave);
 }
 
-inline float16 bvh_edge16(float16 a, float16 b, float16 c, float16 d)
+inline pfloat bvh_edge_packet(pfloat a, pfloat b, pfloat c, pfloat d)
 {
 #pragma OPENCL FP_CONTRACT OFF
-    const float16 p = a * b;
-    const float16 q = c * d;
+    const pfloat p = a * b;
+    const pfloat q = c * d;
     return p - q;
 }
 
 // Which rays hit the triangle whose corner 0 is at `corner` in a block, in (0, t_max).
-inline int16 bvh_packet_triangle(__global const float *corner, const BvhPacket *p, float16 t_max,
-                                 float16 *t, float16 *u, float16 *v)
+inline pint bvh_packet_triangle(__global const float *corner, const BvhPacket *p, pfloat t_max,
+                                 pfloat *t, pfloat *u, pfloat *v)
 {
-    const float16 az = corner[p->kz] - p->oz;
-    const float16 bz = corner[24 + p->kz] - p->oz;
-    const float16 cz = corner[48 + p->kz] - p->oz;
-    const float16 ax = (corner[p->kx] - p->ox) - p->sx * az;
-    const float16 bx = (corner[24 + p->kx] - p->ox) - p->sx * bz;
-    const float16 cx = (corner[48 + p->kx] - p->ox) - p->sx * cz;
-    const float16 ay = (corner[p->ky] - p->oy) - p->sy * az;
-    const float16 by = (corner[24 + p->ky] - p->oy) - p->sy * bz;
-    const float16 cy = (corner[48 + p->ky] - p->oy) - p->sy * cz;
-    const float16 e0 = bvh_edge16(cx, by, cy, bx);
-    const float16 e1 = bvh_edge16(ax, cy, ay, cx);
-    const float16 e2 = bvh_edge16(bx, ay, by, ax);
-    const int16 inside = ((e0 >= 0.0f) & (e1 >= 0.0f) & (e2 >= 0.0f))
+    const pfloat az = corner[p->kz] - p->oz;
+    const pfloat bz = corner[24 + p->kz] - p->oz;
+    const pfloat cz = corner[48 + p->kz] - p->oz;
+    const pfloat ax = (corner[p->kx] - p->ox) - p->sx * az;
+    const pfloat bx = (corner[24 + p->kx] - p->ox) - p->sx * bz;
+    const pfloat cx = (corner[48 + p->kx] - p->ox) - p->sx * cz;
+    const pfloat ay = (corner[p->ky] - p->oy) - p->sy * az;
+    const pfloat by = (corner[24 + p->ky] - p->oy) - p->sy * bz;
+    const pfloat cy = (corner[48 + p->ky] - p->oy) - p->sy * cz;
+    const pfloat e0 = bvh_edge_packet(cx, by, cy, bx);
+    const pfloat e1 = bvh_edge_packet(ax, cy, ay, cx);
+    const pfloat e2 = bvh_edge_packet(bx, ay, by, ax);
+    const pint inside = ((e0 >= 0.0f) & (e1 >= 0.0f) & (e2 >= 0.0f))
         | ((e0 <= 0.0f) & (e1 <= 0.0f) & (e2 <= 0.0f));
-    if (bvh_mask16(inside) == 0)
+    if (bvh_lanes(inside) == 0)
         return inside;
-    const float16 det = e0 + e1 + e2;
-    const float16 inverse = 1.0f / det;
-    const float16 distance = (e0 * az + e1 * bz + e2 * cz) * p->sz * inverse;
+    const pfloat det = e0 + e1 + e2;
+    const pfloat inverse = 1.0f / det;
+    const pfloat distance = (e0 * az + e1 * bz + e2 * cz) * p->sz * inverse;
     *t = distance;
     *u = e1 * inverse;
     *v = e2 * inverse;
     return inside & (distance > 0.0f) & (distance < t_max) & (det != 0.0f);
 }
 
-inline Hit16 bvh_closest_singly(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
-                                float16 dy, float16 dz, float16 t_max)
+inline HitPacket bvh_closest_singly(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfloat dx,
+                                pfloat dy, pfloat dz, pfloat t_max)
 {
-    float o[3][16], d[3][16], limit[16], t[16], u[16], v[16];
-    int triangle[16];
-    vstore16(ox, 0, o[0]), vstore16(oy, 0, o[1]), vstore16(oz, 0, o[2]);
-    vstore16(dx, 0, d[0]), vstore16(dy, 0, d[1]), vstore16(dz, 0, d[2]);
-    vstore16(t_max, 0, limit);
-    for (int i = 0; i < 16; i++) {
+    float o[3][PACKET], d[3][PACKET], limit[PACKET], t[PACKET], u[PACKET], v[PACKET];
+    int triangle[PACKET];
+    pstore(ox, 0, o[0]), pstore(oy, 0, o[1]), pstore(oz, 0, o[2]);
+    pstore(dx, 0, d[0]), pstore(dy, 0, d[1]), pstore(dz, 0, d[2]);
+    pstore(t_max, 0, limit);
+    for (int i = 0; i < PACKET; i++) {
         Hit hit = {INFINITY, 0.0f, 0.0f, -1};
         if (limit[i] > 0.0f)
             hit = bvh_closest(BVH_ARGS, (float3)(o[0][i], o[1][i], o[2][i]),
                               (float3)(d[0][i], d[1][i], d[2][i]), limit[i]);
         t[i] = hit.t, u[i] = hit.u, v[i] = hit.v, triangle[i] = hit.triangle;
     }
-    Hit16 hits;
-    hits.t = vload16(0, t), hits.u = vload16(0, u), hits.v = vload16(0, v);
-    hits.triangle = vload16(0, triangle);
+    HitPacket hits;
+    hits.t = pload(0, t), hits.u = pload(0, u), hits.v = pload(0, v);
+    hits.triangle = pload(0, triangle);
     return hits;
 }
 
-inline int16 bvh_occluded_singly(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
-                                 float16 dy, float16 dz, float16 t_max)
+inline pint bvh_occluded_singly(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfloat dx,
+                                 pfloat dy, pfloat dz, pfloat t_max)
 {
-    float o[3][16], d[3][16], limit[16];
-    int blocked[16];
-    vstore16(ox, 0, o[0]), vstore16(oy, 0, o[1]), vstore16(oz, 0, o[2]);
-    vstore16(dx, 0, d[0]), vstore16(dy, 0, d[1]), vstore16(dz, 0, d[2]);
-    vstore16(t_max, 0, limit);
-    for (int i = 0; i < 16; i++)
+    float o[3][PACKET], d[3][PACKET], limit[PACKET];
+    int blocked[PACKET];
+    pstore(ox, 0, o[0]), pstore(oy, 0, o[1]), pstore(oz, 0, o[2]);
+    pstore(dx, 0, d[0]), pstore(dy, 0, d[1]), pstore(dz, 0, d[2]);
+    pstore(t_max, 0, limit);
+    for (int i = 0; i < PACKET; i++)
         blocked[i] = -(int)(limit[i] > 0.0f
                             && bvh_occluded(BVH_ARGS, (float3)(o[0][i], o[1][i], o[2][i]),
                                             (float3)(d[0][i], d[1][i], d[2][i]), limit[i]));
-    return vload16(0, blocked);
+    return pload(0, blocked);
 }
 
-// Closest hits of 16 rays at distances in (0, t_max); t_max <= 0 leaves a ray out.
-inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
-                                float16 dy, float16 dz, float16 t_max)
+// Closest hits of PACKET rays at distances in (0, t_max); t_max <= 0 leaves a ray out.
+inline HitPacket bvh_closest_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfloat dx,
+                                pfloat dy, pfloat dz, pfloat t_max)
 {
     BvhPacket p;
     if (!bvh_packet(ox, oy, oz, dx, dy, dz, &p))
         return bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
-    Hit16 hits;
+    HitPacket hits;
     hits.t = INFINITY, hits.u = 0.0f, hits.v = 0.0f, hits.triangle = -1;
-    float16 limits = t_max;
+    pfloat limits = t_max;
     float limit = bvh_greatest(limits);
     int nodes[BVH_STACK];
     float distances[BVH_STACK];
@@ -244,13 +264,13 @@ inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, 
                 __global const int *ids = (__global const int *)(block + 72);
                 budget -= 4;
                 for (int i = 0; i < 8 && ids[i] >= 0; i++) {
-                    float16 t, u, v;
-                    const int16 hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
-                    if (bvh_mask16(hit)) {
+                    pfloat t, u, v;
+                    const pint hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
+                    if (bvh_lanes(hit)) {
                         hits.t = hit ? t : hits.t;
                         hits.u = hit ? u : hits.u;
                         hits.v = hit ? v : hits.v;
-                        hits.triangle = hit ? (int16)(ids[i]) : hits.triangle;
+                        hits.triangle = hit ? (pint)(ids[i]) : hits.triangle;
                         limits = hit ? t : limits;
                         limit = bvh_greatest(limits);
                     }
@@ -263,9 +283,9 @@ inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, 
             top--;
         } while (distances[top] >= limit);
         if (budget < 0) {
-            const Hit16 nearer
+            const HitPacket nearer
                 = bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, limits);
-            const int16 found = nearer.triangle >= 0;
+            const pint found = nearer.triangle >= 0;
             hits.t = found ? nearer.t : hits.t;
             hits.u = found ? nearer.u : hits.u;
             hits.v = found ? nearer.v : hits.v;
@@ -276,16 +296,16 @@ inline Hit16 bvh_closest_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, 
     }
 }
 
-// Whether anything is hit at a distance in (0, t_max), -1 or 0 for each of 16 rays; t_max <= 0
+// Whether anything is hit at a distance in (0, t_max), -1 or 0 for each of PACKET rays; t_max <= 0
 // leaves a ray out.
-inline int16 bvh_occluded_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz, float16 dx,
-                                 float16 dy, float16 dz, float16 t_max)
+inline pint bvh_occluded_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfloat dx,
+                                 pfloat dy, pfloat dz, pfloat t_max)
 {
     BvhPacket p;
     if (!bvh_packet(ox, oy, oz, dx, dy, dz, &p))
         return bvh_occluded_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
-    int16 blocked = 0;
-    float16 limits = t_max; // of rays still open; blocked ones have 0
+    pint blocked = 0;
+    pfloat limits = t_max; // of rays still open; blocked ones have 0
     float limit = bvh_greatest(limits);
     int nodes[BVH_STACK];
     float distances[BVH_STACK];
@@ -308,11 +328,11 @@ inline int16 bvh_occluded_packet(BVH_PARAMS, float16 ox, float16 oy, float16 oz,
                 __global const int *ids = (__global const int *)(block + 72);
                 budget -= 4;
                 for (int i = 0; i < 8 && ids[i] >= 0; i++) {
-                    float16 t, u, v;
-                    const int16 hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
-                    if (bvh_mask16(hit)) {
+                    pfloat t, u, v;
+                    const pint hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
+                    if (bvh_lanes(hit)) {
                         blocked |= hit;
-                        limits = hit ? (float16)(0.0f) : limits;
+                        limits = hit ? (pfloat)(0.0f) : limits;
                         limit = bvh_greatest(limits);
                         if (limit <= 0.0f)
                             return blocked;

@@ -1,4 +1,4 @@
-// The camera image as in forward_render.cl, 16 pixels at a time: for processors with wide vectors.
+// The camera image as in forward_render.cl, PACKET pixels at a time: for processors with wide vectors.
 #include "common/bvh_packet.cl"
 #include "common/camera.cl"
 #include "common/environment.cl"
@@ -7,8 +7,6 @@
 #include "common/material.cl"
 #include "common/sampling.cl"
 #include "common/show.cl"
-
-#define PACKET 16
 
 typedef struct {
     float x[PACKET] __attribute__((aligned(64)));
@@ -23,9 +21,9 @@ inline void set_vector(Vectors *v, int i, float3 value)
     v->z[i] = value.z;
 }
 
-#define LANES(array) (*(const float16 *)(array))
+#define LANES(array) (*(const pfloat *)(array))
 
-// forward_render: one work-item per 4 x 4 pixels (16 in a row of the tiled order, sampling.cl), whose
+// forward_render: one work-item per PACKET pixels in a row of the tiled order (sampling.cl), whose
 // primary rays and whose shadow rays to one light run as packets; else as in forward_render.cl.
 __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                              __global const float *camera, int width, int height, int show,
@@ -46,14 +44,14 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
         set_vector(&directions, i, ray.direction);
         limits[i] = pixel.x < width && pixel.y < height ? INFINITY : 0.0f;
     }
-    const Hit16 found = bvh_closest_packet(
+    const HitPacket found = bvh_closest_packet(
         BVH_ARGS, LANES(origins.x), LANES(origins.y), LANES(origins.z), LANES(directions.x),
         LANES(directions.y), LANES(directions.z), LANES(limits));
     float us[PACKET] __attribute__((aligned(64))), vs[PACKET] __attribute__((aligned(64)));
     int triangles_hit[PACKET] __attribute__((aligned(64)));
-    *(float16 *)us = found.u;
-    *(float16 *)vs = found.v;
-    *(int16 *)triangles_hit = found.triangle;
+    *(pfloat *)us = found.u;
+    *(pfloat *)vs = found.v;
+    *(pint *)triangles_hit = found.triangle;
 
     float3 radiance[PACKET], reflectance[PACKET], seen[PACKET], start[PACKET];
     float3 normal[PACKET], geometric[PACKET];
@@ -118,7 +116,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
             }
         }
         int blocked[PACKET] __attribute__((aligned(64)));
-        *(int16 *)blocked = bvh_occluded_packet(
+        *(pint *)blocked = bvh_occluded_packet(
             BVH_ARGS, LANES(origins.x), LANES(origins.y), LANES(origins.z), LANES(directions.x),
             LANES(directions.y), LANES(directions.z), LANES(limits));
         for (int i = 0; i < PACKET; ++i) {
