@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tiny_scenes import empty_room, quad_scene, room
+from vector_widths import widths
 
 from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.sh import sh_basis
@@ -85,14 +86,14 @@ def brute_force(scene, probes, receiver, origins, directions, order):
 
 
 @pytest.mark.parametrize(
-    ("order", "rays", "vector", "open_top"),
-    [
-        (7, 256, None, False),
-        (7, 200, 16, True),
-        (2, 77, 4, True),
-        (0, 1, 1, False),
-        (5, 130, 8, True),
-    ],
+    ("vector", "order", "rays", "open_top"),
+    widths(
+        (None, 7, 256, False),
+        (16, 7, 200, True),
+        (4, 2, 77, True),
+        (1, 0, 1, False),
+        (8, 5, 130, True),
+    ),
 )
 def test_transport_is_the_direct_evaluation_in_float64(order, rays, vector, open_top):
     scene, lightmap = room(4, open_top)

@@ -8,7 +8,7 @@ from gibench.device import list_devices, vector_width
 
 
 def widths(*wanted: Any) -> list[Any]:
-    """Parameters whose first (or only) value is a vector width; skipped where it is too wide.
+    """Parameters whose first (or only) value is a vector width, None for the device's own; skipped where it is too wide.
 
     Only PoCL compiling for AVX without AVX-512 is refused a width (``gibench.device.build``).
     """
@@ -17,6 +17,6 @@ def widths(*wanted: Any) -> list[Any]:
     parameters = []
     for given in wanted:
         values = given if isinstance(given, tuple) else (given,)
-        marks = [skip] if narrow and values[0] > 8 else []
+        marks = [skip] if narrow and values[0] and values[0] > 8 else []
         parameters.append(pytest.param(*values, marks=marks))
     return parameters
