@@ -13,6 +13,7 @@ from gibench.measure.results import ConfigurationResult
 from gibench.measure.shared import Shared
 from gibench.measure.stopping import Plan
 from gibench.measure.view import choose_camera
+from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.registry import CreateContext
 from gibench.techniques.technique import HasNotes, Technique
 
@@ -28,6 +29,7 @@ class LoopOptions:
         camera: number or name; None for the scene's first.
         fit: lower the receivers until a configuration fits its profile.
         seed: of every random choice.
+        flight: that drives the camera of every technique.
         kernel_root: another kernel tree than the installed one.
     """
 
@@ -37,6 +39,7 @@ class LoopOptions:
     camera: str | None = None
     fit: bool = False
     seed: int = 0
+    flight: FlightOptions = field(default_factory=FlightOptions)
     kernel_root: Traversable | None = None
 
 
@@ -54,6 +57,7 @@ def set_up(
     spec, settings, profile = configuration.spec, configuration.settings, configuration.profile
     scene = shared.scene(configuration.scene)
     camera = choose_camera(scene, options.camera)
+    flight = options.flight.of(scene, camera)
     result.camera = camera.name
     asked = receivers = configuration.receivers or scene.receivers
     result.receivers_asked = asked
@@ -75,6 +79,7 @@ def set_up(
             height=options.height,
             camera=camera,
             seed=options.seed,
+            flight=flight,
         )
         try:
             technique = spec.create(context)

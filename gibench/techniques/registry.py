@@ -13,6 +13,7 @@ from gibench.device import Device
 from gibench.errors import BadInput
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
+from gibench.techniques.camera_path import Flight
 from gibench.techniques.technique import Technique
 
 PUBLISHED = "published"
@@ -54,6 +55,7 @@ class CreateContext:
         height: of the camera image, pixels.
         camera: the view.
         seed: of every random choice.
+        flight: that the camera takes; None where it rests.
     """
 
     device: Device
@@ -67,6 +69,7 @@ class CreateContext:
     height: int
     camera: Camera
     seed: int = 0
+    flight: Flight | None = None
 
 
 @dataclass(frozen=True)
