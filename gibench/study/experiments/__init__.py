@@ -7,6 +7,7 @@ from gibench.study.experiments import (
     frame_times,
     interpolation,
     probe_density,
+    ray_budget,
     receiver_reduction,
     scaling,
     sh_order,
@@ -22,6 +23,7 @@ EXPERIMENTS = {
         scaling.EXPERIMENT,
         receiver_reduction.EXPERIMENT,
         interpolation.EXPERIMENT,
+        ray_budget.EXPERIMENT,
     )
 }
 
