@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from gibench.errors import BadInput
 from gibench.study.experiments import (
+    convergence,
     frame_times,
     interpolation,
     probe_density,
@@ -24,6 +25,7 @@ EXPERIMENTS = {
         receiver_reduction.EXPERIMENT,
         interpolation.EXPERIMENT,
         ray_budget.EXPERIMENT,
+        convergence.EXPERIMENT,
     )
 }
 

@@ -290,8 +290,8 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             f"every frame, no probe being moved or switched off. GIBS has room for "
             f"{sizes.surfels:,} surfels and casts budget / {sizes.surfels:,} rays for each that is "
             "alive, so that it stays below the budget until the camera has been everywhere; once "
-            "placed they stay, as in the thesis, but grow with their distance from the camera, where "
-            "the thesis's are of one size. Lights "
+            "placed they stay, as in the thesis, but grow with their distance from the camera, "
+            "where the thesis's are of one size. Lights "
             f"stand still; the image is {width} x {height}; {sizes.settle} frames at rest before "
             f"the first that is timed, and a flight of {sizes.flight} between the two times.",
             "*ray casting* is `probe_trace` and `probe_shade`, or `irradiance` (with the surfels' "
