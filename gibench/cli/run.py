@@ -121,10 +121,9 @@ def run(
     from gibench.measure.record import begin_record, finish_record
     from gibench.measure.roofs import measure_roofs
     from gibench.measure.run_folder import RunFolder, default_folder
-    from gibench.measure.setup import LoopOptions
+    from gibench.measure.setup import LoopOptions, check_configuration
     from gibench.measure.shared import Shared
     from gibench.measure.stopping import Plan
-    from gibench.measure.view import choose_camera
 
     # Everything that can be wrong is found before anything long.
     width, height = options.resolution(resolution)
@@ -140,8 +139,8 @@ def run(
     plan = Plan(frames=frames or flown.frames or None, warmup=warmup)
     loop = LoopOptions(plan, width, height, camera, fit, seed, flown)
     shared = Shared(cache, seed)
-    for name in asked.scenes:
-        choose_camera(shared.scene(name), camera)
+    for configuration in configurations:
+        check_configuration(configuration, loop, shared)
     arguments = _arguments(locals())
     folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
 

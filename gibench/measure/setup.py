@@ -8,11 +8,13 @@ from typing import Any
 
 from gibench.device import Device
 from gibench.errors import CannotRun
-from gibench.measure.fit import FEWEST_RECEIVERS, Footprint, measure_demand
+from gibench.measure.configuration import Configuration
+from gibench.measure.fit import FEWEST_RECEIVERS, Footprint, has_receivers, measure_demand
 from gibench.measure.results import ConfigurationResult
 from gibench.measure.shared import Shared
 from gibench.measure.stopping import Plan
 from gibench.measure.view import choose_camera
+from gibench.scene.model import Scene
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.registry import CreateContext
 from gibench.techniques.technique import HasNotes, Technique
@@ -41,6 +43,20 @@ class LoopOptions:
     seed: int = 0
     flight: FlightOptions = field(default_factory=FlightOptions)
     kernel_root: Traversable | None = None
+
+
+def check_configuration(
+    configuration: Configuration, options: LoopOptions, shared: Shared
+) -> Scene:
+    """Find what is wrong with a configuration before anything long; its scene.
+
+    Raises:
+        BadInput: its scene, camera or camera path is wrong, or the settings do not suit the scene.
+    """
+    scene = shared.scene(configuration.scene)
+    options.flight.of(scene, choose_camera(scene, options.camera))
+    configuration.spec.check(scene, configuration.settings)
+    return scene
 
 
 def set_up(
@@ -86,7 +102,9 @@ def set_up(
             break
         except CannotRun as error:
             demand = measure_demand(spec, context)
-            fewer = demand.receivers_that_fit(profile, receivers) if demand else 0
+            fewer = 0
+            if demand is not None and has_receivers(spec):
+                fewer = demand.receivers_that_fit(profile, receivers)
             if not options.fit or fewer < FEWEST_RECEIVERS:
                 raise demand.refusal(spec, scene, profile, receivers) if demand else error from None
             receivers = fewer

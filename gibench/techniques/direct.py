@@ -92,4 +92,5 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Direct,
     memory_floor=_memory_floor,
+    memory_options=("--resolution",),
 )

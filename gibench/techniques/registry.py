@@ -89,6 +89,9 @@ class TechniqueSpec:
             (scene, number of receivers, settings, image width, image height).
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
+        check: refuses settings that do not suit a scene (BadInput), told before anything long.
+        memory_options: what on the command line lowers its memory, for messages; its receivers
+            are on the device only where ``--receivers`` is among them.
     """
 
     name: str
@@ -99,6 +102,8 @@ class TechniqueSpec:
     create: Callable[[CreateContext], Technique]
     memory_floor: Callable[[Scene, int, Any, int, int], int]
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = field(default=lambda scene: {})
+    check: Callable[[Scene, Any], None] = field(default=lambda scene, settings: None)
+    memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
     def settings(self, values: Mapping[str, Any]) -> Any:
         """The settings with ``values`` set.
