@@ -170,6 +170,8 @@ FILES = {
     "probe-density": ("probe-density.svg", "probe-density-pictures.png"),
     "receiver-reduction": ("receiver-reduction.png", "receiver-reduction-pictures.png"),
     "interpolation": ("interpolation-5.png",),
+    "ray-budget": ("ray-budget.png", "ray-budget.svg", "ray-budget-samples.csv"),
+    "convergence": ("convergence.png", "convergence-ms.png", "convergence-samples.csv"),
 }
 
 
