@@ -106,9 +106,11 @@ def test_update_surfels_equals_numpy(size):
             g64[surfel, texel] += 0.1 * (LUMA @ light[ray, :3] - g64[surfel, texel])
         e64[:, surfel] = np.concatenate([e[0], e[1], e[2], [e[3], e[4]]])
     np.testing.assert_allclose(device.read(state[0]), e64, rtol=2e-4, atol=1e-5)
-    np.testing.assert_allclose(device.read(state[1]), m64, rtol=1e-5)
-    np.testing.assert_allclose(device.read(state[2]), g64, rtol=1e-5)
-    np.testing.assert_allclose(device.read(nearest), m64[:, :16].min(1), rtol=1e-5)
+    # A step from m to a sample near 0 leaves the rounding of m, which is of order 1.
+    rounding = 4 * np.finfo(np.float32).eps
+    np.testing.assert_allclose(device.read(state[1]), m64, rtol=1e-5, atol=rounding)
+    np.testing.assert_allclose(device.read(state[2]), g64, rtol=1e-5, atol=rounding)
+    np.testing.assert_allclose(device.read(nearest), m64[:, :16].min(1), rtol=1e-5, atol=rounding)
 
 
 # -- rays -------------------------------------------------------------------------------------
