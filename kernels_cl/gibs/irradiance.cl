@@ -1,7 +1,7 @@
 // The irradiance pass: rays shared out, traced, and taken in by the estimators.
 //
-// Built with CAPACITY, ENTRIES, PUBLISHED, VEC, the grid's macros, and DEPTH (depth moments) and
-// GUIDING (ray guiding), 0 or 1.
+// Built with CAPACITY, ENTRIES, PUBLISHED, VEC, the grid's macros, DEPTH (depth moments), GUIDING
+// (ray guiding) and FLOORED (estimator), 0 or 1.
 #include "common/bvh.cl"
 #include "common/environment.cl"
 #include "common/lights.cl"
