@@ -163,6 +163,7 @@ class FramePasses:
             s.births,
             s.ray_first,
             s.ray_owner,
+            s.estimator,
             s.guides,
             *self.scene.bvh_args,
             *self.scene.surface_args,
