@@ -59,6 +59,13 @@ inline int grid_column(float u)
     return grid_rounded((u + 1.0f) * (0.5f * GRID_N), GRID_N);
 }
 
+// The cell of the cube around the camera that `from_corner` lies in or next to.
+inline int3 grid_cube(float3 from_corner, float cells_per_metre)
+{
+    const int3 at = convert_int3_sat(floor(from_corner * cells_per_metre));
+    return clamp(at, (int3)(0), (int3)(GRID_N - 1));
+}
+
 // `p` with the axis of pyramid `face` (0-1: x, 2-3: y, 4-5: z; odd: negative) in z.
 inline float3 grid_turned(int face, float3 p)
 {
@@ -82,8 +89,7 @@ inline int grid_cell(__global const float *grid, float3 position)
     const float depth = fmax(a.x, fmax(a.y, a.z));
     if (depth < grid[3]) {
         const GridBox box = grid_region(0);
-        const int3 at = convert_int3_sat(floor((p + grid[3]) * grid[4]));
-        return grid_index(&box, clamp(at, 0, GRID_N - 1));
+        return grid_index(&box, grid_cube(p + grid[3], grid[4]));
     }
     int face = a.x == depth ? 0 : a.y == depth ? 2 : 4;
     face += (face == 0 ? p.x : face == 2 ? p.y : p.z) < 0.0f;
@@ -105,8 +111,8 @@ inline bool grid_box(__global const float *grid, int region, float3 position, fl
     if (region == 0) {
         if (any(low >= half_side) || any(high <= -half_side))
             return false;
-        box->first = clamp(convert_int3_sat(floor((low + half_side) * grid[4])), 0, GRID_N - 1);
-        box->last = clamp(convert_int3_sat(floor((high + half_side) * grid[4])), 0, GRID_N - 1);
+        box->first = grid_cube(low + half_side, grid[4]);
+        box->last = grid_cube(high + half_side, grid[4]);
         return true;
     }
     const float3 a = grid_turned(region - 1, low), b = grid_turned(region - 1, high);
