@@ -13,12 +13,10 @@ from scipy.interpolate import PchipInterpolator
 
 from gibench.errors import BadInput
 from gibench.scene.model import Camera, Scene
+from gibench.techniques.look_around import FLIGHT_FOV, keyframes
 
 REST: Final = "rest"
 FLIGHT: Final = "flight"
-
-_TURNS = 12  # keyframes of the built-in round; our choice
-_REACH = 0.35  # the round's half-axes, shares of the scene's sides; our choice
 
 
 @dataclass(frozen=True)
@@ -29,10 +27,12 @@ class CameraPath:
     Attributes:
         positions: (k, 3) m, k at least 2.
         targets: (k, 3) m, the points looked at.
+        fov_degrees: least vertical field of view on the way; None for the camera's own.
     """
 
     positions: npt.NDArray[np.float64] = field(repr=False)
     targets: npt.NDArray[np.float64] = field(repr=False)
+    fov_degrees: float | None = None
 
     def __post_init__(self) -> None:
         if self.positions.ndim != 2 or self.positions.shape[1] != 3 or len(self.positions) < 2:
@@ -63,29 +63,19 @@ class CameraPath:
         )
         x, y, z = position
         tx, ty, tz = target
-        return replace(camera, position=(x, y, z), target=(tx, ty, tz))
+        fov = max(camera.fov_degrees, self.fov_degrees or 0.0)
+        return replace(camera, position=(x, y, z), target=(tx, ty, tz), fov_degrees=fov)
 
 
 def built_in_flight(scene: Scene, camera: Camera) -> CameraPath:
-    """From ``camera`` a round through the inside of the scene's bounds, looking outwards and ahead
-    in turn, and back.
+    """From ``camera`` through the inside of the scene's bounds, past views that together show what
+    it does not (see :mod:`gibench.techniques.look_around`), and back.
     """
-    low, high = scene.bounds
-    centre, half = (low + high) / 2, (high - low) * _REACH
-    start, first_target = np.asarray(camera.position), np.asarray(camera.target)
-    level = np.clip(start[1], low[1] + 0.3 * (high[1] - low[1]), low[1] + 0.7 * (high[1] - low[1]))
-    angles = np.arctan2(start[2] - centre[2], start[0] - centre[0]) + np.linspace(
-        0, 2 * np.pi, _TURNS, endpoint=False
-    )
-    ahead = angles + np.where(np.arange(_TURNS) % 2, 0.0, np.pi / 2)
-    flat = np.zeros(_TURNS)
-    positions = np.stack([centre[0] + half[0] * np.cos(angles), flat + level,
-                          centre[2] + half[2] * np.sin(angles)], axis=1)  # fmt: skip
-    looks = np.stack([half[0] * np.cos(ahead), -0.2 * half[1] + flat,
-                      half[2] * np.sin(ahead)], axis=1)  # fmt: skip
+    positions, targets = keyframes(scene, camera)
     return CameraPath(
-        np.concatenate([[start], positions, [start]]),
-        np.concatenate([[first_target], positions + looks, [first_target]]),
+        np.array([camera.position, *positions, camera.position]),
+        np.array([camera.target, *targets, camera.target]),
+        FLIGHT_FOV,
     )
 
 
@@ -108,7 +98,7 @@ def load_camera_path(path: Path) -> CameraPath:
             "positions and targets are not lists of three numbers each", where=path
         ) from error
     try:
-        return CameraPath(*points)
+        return CameraPath(points[0], points[1])
     except BadInput as error:
         raise BadInput(error.what, where=path, mend=error.mend) from error
 

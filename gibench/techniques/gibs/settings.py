@@ -10,6 +10,8 @@ from gibench.errors import BadInput
 
 UNIFORM: Final = "uniform"
 PERSPECTIVE: Final = "perspective"
+MULTI_SCALE: Final = "multi-scale"
+FLOORED: Final = "floored"
 
 
 def _setting(default: Any, meaning: str, unit: str = "") -> Any:
@@ -46,6 +48,11 @@ class GibsSettings:
     )
     normal_stretch: float = _setting(
         4.0, "how much further a step off the surfel's plane counts; more leaks less"
+    )
+    estimator: str = _setting(
+        FLOORED,
+        "floored (right on average), or multi-scale (thesis; steadier, but too dark where few rays "
+        "bring most of the light)",
     )
     depth_moments: bool = _setting(True, "depth test against leaks; costs memory and time")
     ray_guiding: bool = _setting(False, "more rays where light came from; costs memory")
@@ -85,6 +92,11 @@ class GibsSettings:
         )
         self._require(
             "grid", self.grid in (UNIFORM, PERSPECTIVE), f"'{UNIFORM}' or '{PERSPECTIVE}'"
+        )
+        self._require(
+            "estimator",
+            self.estimator in (FLOORED, MULTI_SCALE),
+            f"'{FLOORED}' or '{MULTI_SCALE}'",
         )
         if self.grid == PERSPECTIVE:
             # 64 across are 2 million cells.
