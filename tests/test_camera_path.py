@@ -111,8 +111,7 @@ def test_every_technique_sees_the_same_flight(tmp_path, which):
             seen = technique.device.read(technique.scene.camera_args[0])
             np.testing.assert_array_equal(seen, expected)
         moves = not np.array_equal(expected, camera_table(scene.cameras[0], 24, 16))
-        # The built-in round starts and ends where the camera rests.
-        assert moves == (3 < frame < 9 if which == "flight" else 3 <= frame <= 9)
+        assert moves == (3 <= frame <= 9)
 
 
 def test_a_scrolling_volume_follows_the_flight():

@@ -50,10 +50,8 @@ def flight(camera_path: str, rest_frames: int, flight_frames: int) -> FlightOpti
     Raises:
         BadInput: its file holds none.
     """
-    from pathlib import Path
+    from gibench.techniques.camera_path import FlightOptions
 
-    from gibench.techniques.camera_path import FLIGHT, REST, FlightOptions, load_camera_path
-
-    if camera_path not in (REST, FLIGHT):
-        load_camera_path(Path(camera_path))  # told before anything long
-    return FlightOptions(camera_path, rest_frames, flight_frames)
+    found = FlightOptions(camera_path, rest_frames, flight_frames)
+    found.check()
+    return found

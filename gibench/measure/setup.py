@@ -54,7 +54,8 @@ def check_configuration(
         BadInput: its scene, camera or camera path is wrong, or the settings do not suit the scene.
     """
     scene = shared.scene(configuration.scene)
-    options.flight.of(scene, choose_camera(scene, options.camera))
+    choose_camera(scene, options.camera)
+    options.flight.check()
     configuration.spec.check(scene, configuration.settings)
     return scene
 

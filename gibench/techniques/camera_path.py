@@ -154,6 +154,15 @@ class FlightOptions:
         """Until the camera has come back to rest; 0 where it never leaves."""
         return 0 if self.path == REST else self.rest_frames + self.flight_frames
 
+    def check(self) -> None:
+        """Find what is wrong with a path's file before anything long.
+
+        Raises:
+            BadInput: it holds none.
+        """
+        if self.path not in (REST, FLIGHT):
+            load_camera_path(Path(self.path))
+
     def of(self, scene: Scene, camera: Camera) -> Flight | None:
         """The flight from ``camera`` through ``scene``; None for a camera at rest.
 
