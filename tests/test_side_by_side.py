@@ -109,7 +109,6 @@ def samples_from(images, ms=2.0):
             "time_ms": ms,
             "distance": distance,
             "mean_distance": mean,
-            "memory_bytes": 5,
         }
     )
 

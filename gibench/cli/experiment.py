@@ -40,7 +40,15 @@ def experiment(
     ] = None,
     target_error: options.TargetError = 0.02,
     frames: Annotated[
-        int, typer.Option("--frames", "-n", min=1, metavar="N", help="Timed per point.")
+        int,
+        typer.Option(
+            "--frames",
+            "-n",
+            min=1,
+            metavar="N",
+            help="Timed per point; a flight, and what follows a switched light, take eight times "
+            "as many.",
+        ),
     ] = 30,
     resolution: Annotated[
         str | None,
@@ -75,6 +83,8 @@ def experiment(
       gibench experiment sh-order
 
       gibench experiment receiver-reduction --scene sponza.obj
+
+      gibench experiment ray-budget --scene sponza.obj
     """
     from gibench.study.experiments import EXPERIMENTS, find_experiment
 

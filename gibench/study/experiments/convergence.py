@@ -54,7 +54,6 @@ _COLUMNS = (
     "frame_ms",
     "noise",
     "settled",
-    "memory_bytes",
 )
 
 
@@ -84,9 +83,7 @@ def _configuration(
 
 
 def _points(context: Context) -> Iterator[Point]:
-    samples = Rows.at(
-        context.folder.path / "convergence-samples.csv", _KEYS, (*_SAMPLE, "memory_bytes")
-    )
+    samples = Rows.at(context.folder.path / "convergence-samples.csv", _KEYS, _SAMPLE)
     for name in context.scene_or("atrium"):
         for switch, (before, after) in _SWITCHES.items():
             shared = SwitchedShared(
@@ -154,7 +151,6 @@ def _run(
             "time_ms": ms,
             "distance": float(distance[number - 1]),
             "mean_distance": float(mean[number - 1]),
-            "memory_bytes": device.memory.peak_bytes,
         }
         for number, ms in enumerate(times, 1)
     ]
@@ -210,7 +206,6 @@ def row_of(samples: pd.DataFrame) -> dict[str, Any]:
         "frame_ms": float(np.median(times)),
         "noise": noise,
         "settled": said,
-        "memory_bytes": int(samples["memory_bytes"].iloc[-1]),
     }
 
 
@@ -240,7 +235,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     plot(path / "convergence", _axes(samples, against_time=False), caption)
     plot(path / "convergence-ms", _axes(samples, against_time=True), caption)
     formats = dict.fromkeys(("ms", "mean_ms", "frame_ms"), ".1f")
-    formats |= {"noise": ".2%", "memory_bytes": ",.0f"}
+    formats |= {"noise": ".2%"}
     formats |= dict.fromkeys(("frames", "mean_frames"), ".0f")
     return "\n\n".join(
         (
