@@ -16,7 +16,7 @@ from gibench.measure.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.report.images import ImageWriter
-from gibench.report.plots import bars
+from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import (
     Context,
     Experiment,
@@ -268,19 +268,13 @@ def theirs() -> pd.DataFrame:
 def _present(context: Context, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     sizes = _sizes(context)
-    several = len(ok[["scene", "profile"]].drop_duplicates()) > 1
-    groups = {}
-    for row in ok.to_dict("records"):
-        where = f"\n{row['scene']}, {row['profile']}" if several else ""
-        title = f"{row['technique']} {row['budget'] / 1000:g}k\n{row['when']}{where}"
-        groups[title] = {name[:-3].replace("_", " "): row[name] for name in _TIMES[:4]}
-    width, height = (context.loop(_IMAGE).width, context.loop(_IMAGE).height)
-    bars(
+    width, height = context.loop(_IMAGE).width, context.loop(_IMAGE).height
+    plot(
         context.folder.path / "ray-budget",
-        groups,
-        "median, ms",
+        [Axes(_heading(name), "rays a frame at most", "median, ms", _series(ok, name))
+         for name in _TIMES[:4]],
         f"Image {width} x {height}. Times of this machine, not of the thesis's.",
-    )
+    )  # fmt: skip
     whole = ["surfels", "probes", "rays", "frames", "memory_bytes"]
     shown = ok[[*_KEYS, "when", *whole[:3], *_TIMES, *whole[3:]]]
     formats = {**dict.fromkeys(_TIMES, ".2f"), **dict.fromkeys(whole, ",.0f")}
@@ -309,6 +303,19 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             "not: compare the shares of a row, not its times.",
         )
     )
+
+
+def _series(table: pd.DataFrame, column: str) -> list[Series]:
+    """A line for each technique at rest and after the flight."""
+    several = len(table[["scene", "profile"]].drop_duplicates()) > 1
+    lines = []
+    groups = table.groupby(["technique", "when", "scene", "profile"], sort=False)
+    for (technique, when, scene, profile), group in groups:
+        where = f", {scene}, {profile}" if several else ""
+        lines.append(
+            Series(f"{technique} {when}{where}", group["budget"].tolist(), group[column].tolist())
+        )
+    return lines
 
 
 def _heading(name: str) -> str:
