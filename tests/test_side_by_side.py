@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +12,7 @@ from tiny_scenes import empty_room
 
 from gibench.cli.main import call
 from gibench.errors import BadInput
+from gibench.measure.timings import configuration_label
 from gibench.scene.model import DirectionalLight, PointLight
 from gibench.study.experiments import convergence, ray_budget
 from gibench.study.experiments.convergence import arrival, distances, row_of
@@ -209,3 +212,21 @@ def test_the_convergence_experiment(quick, tmp_path, monkeypatch):
     for file in ("convergence.png", "convergence-ms.svg"):
         assert (tmp_path / file).stat().st_size > 1000
     assert "within 5% and stays" in (tmp_path / "convergence.md").read_text()
+
+
+def test_a_run_counts_surfels_and_their_work_as_they_are_at_its_end(tmp_path):
+    """GIBS begins with none: counted as it was set up, it would show no surfel and no ray."""
+    command = ["run", "-t", "gibs", "--scene", "cornell-box", "--receivers", "200", "-n", "6"]
+    command += ["--warmup", "4", "--resolution", "64x48", "--set", "gibs.placement_chance=1"]
+    command += ["--set", "gibs.surfels=500", "--camera-path", "flight", "--rest-frames", "2"]
+    assert call([*command, "--flight-frames", "5", "-q", "--out", str(tmp_path / "run")]) == 0
+    (frame,) = pd.read_csv(tmp_path / "run" / "frames.csv").to_dict("records")
+    assert 12 < frame["surfels"] <= 10 * 12  # twelve tiles place one each in ten frames
+    passes = pd.read_csv(tmp_path / "run" / "passes.csv").set_index("pass")
+    assert frame["surfels"] - 12 <= passes.loc["irradiance", "rays"] <= frame["surfels"]
+    record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert record["flight"] == {"path": "flight", "rest_frames": 2, "flight_frames": 5}
+    assert configuration_label(record["configurations"][0]).count("500 surfels") == 1
+    assert (
+        "The camera flew: 2 frames at rest, 5 along" in (tmp_path / "run" / "report.md").read_text()
+    )

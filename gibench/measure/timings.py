@@ -85,9 +85,12 @@ def configuration_label(entry: Mapping[str, Any]) -> str:
     parts.append(f"profile {entry['profile']}")
     if entry["sh_order"] is not None:
         parts.append(f"SH order {entry['sh_order']}")
-    parts += [
-        f"{entry[name]:,} {name}" for name in ("surfels", "probes", "receivers") if entry.get(name)
-    ]
+    # Not the surfels alive at the end, whose number chance has a part in.
+    sizes = {
+        "surfels": entry.get("counts", {}).get("surfel_capacity"),
+        **{name: entry.get(name) for name in ("probes", "receivers")},
+    }
+    parts += [f"{size:,} {name}" for name, size in sizes.items() if size]
     auto = entry.get("auto_workgroup")
     parts.append("work-group auto" if auto else f"work-group {entry['workgroup_size']}")
     return ", ".join(parts)
