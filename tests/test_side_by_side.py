@@ -41,6 +41,7 @@ def samples_of(technique, rng, frames=7):
                     {
                         **KEY, "technique": technique, "budget": budget, "when": when,
                         "frame": frame, "pass": name, "time_ms": ms, "surfels": 40 + frame,
+                        "covered": 0.5,
                         "probes": np.nan, "rays": 100 + frame, "memory_bytes": 7,
                     }
                     for name, ms in drawn.items()
@@ -180,6 +181,7 @@ def test_the_ray_budget_experiment(quick, tmp_path, monkeypatch):
     assert (ddgi["rays"] == 1800).all() and (ddgi["probes"] == 36).all()
     assert (gibs["rays"] < 1800).all() and gibs["surfels"].is_monotonic_increasing
     assert (gibs["rays"] % 2 == 0).all()  # two for each
+    assert ((gibs["covered"] > 0) & (gibs["covered"] <= 1)).all() and ddgi["covered"].isna().all()
     samples = pd.read_csv(tmp_path / "ray-budget-samples.csv")
     rest = samples[(samples["technique"] == "gibs") & (samples["when"] == AT_REST)]
     irradiance = rest[rest["pass"] == "irradiance"]["time_ms"]

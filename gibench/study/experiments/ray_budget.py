@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 
 from gibench.measure.configuration import Configuration
@@ -53,7 +54,17 @@ _COLUMN_OF: Mapping[str, Mapping[str, str]] = {
     "gibs": {"irradiance": RAYS, "application": APPLICATION, "gbuffer": CAMERA, _FRAME: FRAME},
 }
 _TIMES = (RAYS, APPLICATION, REST, TOTAL, CAMERA, FRAME)
-_SAMPLE = ("when", "frame", "pass", "time_ms", "surfels", "probes", "rays", "memory_bytes")
+_SAMPLE = (
+    "when",
+    "frame",
+    "pass",
+    "time_ms",
+    "surfels",
+    "covered",
+    "probes",
+    "rays",
+    "memory_bytes",
+)
 _KEYS = ("scene", "technique", "budget", "profile")
 
 
@@ -211,12 +222,17 @@ def _alone_ms(technique: Technique, item: PreparedPass) -> float:
     return float(sum(event.profile.end - event.profile.start for event in events) * 1e-6)
 
 
-def _sizes_now(technique: Technique) -> dict[str, int]:
-    """Surfels, probes and the rays of the frame just run."""
+def _sizes_now(technique: Technique) -> dict[str, float]:
+    """Surfels, the share of the visible pixels that any covers, probes and rays of the frame just
+    run.
+    """
     counts = technique.counts()
     if isinstance(technique, Gibs):
         (irradiance,) = [item for item in technique.passes() if item.name == "irradiance"]
-        return {"surfels": counts["surfels"], "rays": int(irradiance.work.rays)}
+        coverage = technique.coverage()
+        covered = int((coverage > 0).sum()) / max(int(np.isfinite(coverage).sum()), 1)
+        rays = int(irradiance.work.rays)
+        return {"surfels": counts["surfels"], "covered": covered, "rays": rays}
     return {"probes": counts["probes"], "rays": counts["rays"]}
 
 
@@ -240,7 +256,7 @@ def rows_of(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any
         rows.append(
             {
                 "when": when,
-                **{name: last[name] for name in ("surfels", "probes")},
+                **{name: last[name] for name in ("surfels", "covered", "probes")},
                 "rays": float(group.groupby("frame")["rays"].first().median()),
                 **{name: float(frames[name].median()) for name in _TIMES},
                 "frames": len(frames),
@@ -271,13 +287,13 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     width, height = context.loop(_IMAGE).width, context.loop(_IMAGE).height
     plot(
         context.folder.path / "ray-budget",
-        [Axes(_heading(name), "rays a frame at most", "median, ms", _series(ok, name))
+        [Axes(_heading(name), "thousand rays a frame at most", "median, ms", _series(ok, name))
          for name in _TIMES[:4]],
         f"Image {width} x {height}. Times of this machine, not of the thesis's.",
     )  # fmt: skip
     whole = ["surfels", "probes", "rays", "frames", "memory_bytes"]
-    shown = ok[[*_KEYS, "when", *whole[:3], *_TIMES, *whole[3:]]]
-    formats = {**dict.fromkeys(_TIMES, ".2f"), **dict.fromkeys(whole, ",.0f")}
+    shown = ok[[*_KEYS, "when", "covered", *whole[:3], *_TIMES, *whole[3:]]]
+    formats = {**dict.fromkeys(_TIMES, ".2f"), **dict.fromkeys(whole, ",.0f"), "covered": ".1%"}
     return "\n\n".join(
         (
             f"DDGI with {'x'.join(str(n) for n in sizes.counts)} probes casts the whole budget in "
@@ -288,6 +304,9 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             "where the thesis's are of one size. Lights "
             f"stand still; the image is {width} x {height}; {sizes.settle} frames at rest before "
             f"the first that is timed, and a flight of {sizes.flight} between the two times.",
+            "*covered* is the share of the visible pixels that a surfel reaches: where it is below "
+            "100 %, GIBS had not come to rest (too few frames, or too few tiles in a small image) "
+            "and its times are of a part of its work.",
             "*ray casting* is `probe_trace` and `probe_shade`, or `irradiance` (with the surfels' "
             "estimator, which the thesis's kernel holds too); *application* is the light on every "
             "pixel; *rest* is every other pass but *camera*: primary rays and direct light, which "
@@ -313,7 +332,11 @@ def _series(table: pd.DataFrame, column: str) -> list[Series]:
     for (technique, when, scene, profile), group in groups:
         where = f", {scene}, {profile}" if several else ""
         lines.append(
-            Series(f"{technique} {when}{where}", group["budget"].tolist(), group[column].tolist())
+            Series(
+                f"{technique} {when}{where}",
+                (group["budget"] / 1000).tolist(),
+                group[column].tolist(),
+            )
         )
     return lines
 
@@ -328,7 +351,7 @@ EXPERIMENT = Experiment(
     source="section 5.2 of Ekberg 2022 (paper 004)",
     profiles=("vega56",),
     keys=_KEYS,
-    columns=("when", "surfels", "probes", "rays", *_TIMES, "frames", "memory_bytes"),
+    columns=("when", "surfels", "covered", "probes", "rays", *_TIMES, "frames", "memory_bytes"),
     points=_points,
     present=_present,
 )
