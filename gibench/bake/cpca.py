@@ -165,7 +165,7 @@ def compress(
         threshold: root mean square error of the leaf's irradiance relative to itself.
     """
     rows = matrix.astype(np.float64)
-    in_use = rows.reshape(len(rows), len(probes), -1).any(axis=2)
+    in_use = np.asarray(rows.reshape(len(rows), len(probes), -1).any(axis=2))
     dark = ~in_use.any(axis=1)
     done = []
     if dark.any():
@@ -179,13 +179,14 @@ def compress(
     gram, white = _irradiance_gram(matrix, light)
     features = _split_features(positions, normals)
     coefficients = matrix.shape[1] // len(probes)
-    root = _tree(np.flatnonzero(~dark), gram, in_use, features, coefficients, most)
+    lit = np.flatnonzero(~dark).astype(np.int32)
+    root = _tree(lit, gram, in_use, features, coefficients, most)
     slope = _slope(root, threshold)
     for node, count in root.best(slope)[1]:
         u = node.vectors[:, :count]
         own = rows[node.part]
         blocks = (u.T @ own).reshape(count, len(probes), coefficients)
-        used = in_use[node.part].any(axis=0)
+        used = np.asarray(in_use[node.part].any(axis=0))
         prevented = _prevented(blocks, used, light, white)
         kept = np.flatnonzero(prevented > DROP_SHARE * slope * count * coefficients)
         count = count if len(kept) else 0
@@ -205,9 +206,7 @@ def compress(
     return done
 
 
-def _irradiance_gram(
-    matrix: Floats, light: Floats
-) -> tuple[npt.NDArray[np.float64], float]:
+def _irradiance_gram(matrix: Floats, light: Floats) -> tuple[npt.NDArray[np.float64], float]:
     """(m, m) expected products of two receivers' irradiance, and the weight of white light."""
     rows = matrix.astype(np.float64)
     own = rows @ rows.T
@@ -222,7 +221,7 @@ def _prevented(
     blocks: npt.NDArray[np.float64], used: npt.NDArray[np.bool_], light: Floats, white: float
 ) -> npt.NDArray[np.float64]:
     """(k,) squared error of the irradiance that each probe's block (n, k, c) prevents."""
-    count, probes, coefficients = blocks.shape
+    _, probes, coefficients = blocks.shape
     out = np.zeros(probes)
     of_probe = light.reshape(probes, coefficients, light.shape[1])
     for probe in np.flatnonzero(used):

@@ -51,7 +51,7 @@ class ExpectedLight:
                 of, first = np.unique(patch[order], return_index=True)
                 sums = np.add.reduceat(self.basis[order], first, axis=0)
                 row[:, np.searchsorted(seen, of)] = sums.T
-        return out.reshape(-1, len(seen))
+        return out.reshape(len(probes) * self.basis.shape[1], len(seen))
 
 
 def expected_light(lightmap: Lightmap, relight: RelightSamples) -> ExpectedLight:
