@@ -19,8 +19,8 @@ from gibench.bake.srp_data import RelightSamples
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Floats, Ints
 
-# Most receivers of a patch before it is cut by the way it faces: some 5600 patches on Sponza.
-PATCH_RECEIVERS = 256
+# Patches of a scene, about, before they are cut by the way they face: some 5600 then on Sponza.
+PATCHES = 1000
 # Rows of equal solid angle, and columns, of the sky's cells.
 SKY_ROWS, SKY_COLUMNS = 8, 16
 
@@ -61,7 +61,7 @@ def expected_light(lightmap: Lightmap, relight: RelightSamples) -> ExpectedLight
     facing = 2 * facing + (np.take_along_axis(receivers.normal, facing[:, None], 1)[:, 0] > 0)
     of_texel = np.full(lightmap.width * lightmap.height, -1, np.int32)
     count = 0
-    for members in aabb_clusters(receivers.position, PATCH_RECEIVERS):
+    for members in aabb_clusters(receivers.position, max(1, len(receivers) // PATCHES)):
         sides, side = np.unique(facing[members], return_inverse=True)
         of_texel[receivers.texel[members]] = count + side
         count += len(sides)
