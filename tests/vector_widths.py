@@ -10,7 +10,8 @@ from gibench.device import list_devices, vector_width
 def widths(*wanted: Any) -> list[Any]:
     """Parameters whose first (or only) value is a vector width, skipped where it is too wide.
 
-    None stands for the device's own width. Only PoCL compiling for AVX without AVX-512 is refused a width (``gibench.device.build``).
+    None stands for the device's own width. Only PoCL compiling for AVX
+    without AVX-512 is refused a width (``gibench.device.build``).
     """
     narrow = vector_width(list_devices()[0]) == 8
     skip = pytest.mark.skip(reason="the device compiles for vectors of 8 at most")
