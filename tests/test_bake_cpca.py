@@ -184,10 +184,11 @@ def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings(
 
 @pytest.mark.slow
 def test_cornell_box_is_within_one_percent_under_ten_random_lightings():
-    """The whole scene at a fifth of the receivers, stored as fp16; lights fresh every time."""
+    """The whole scene at a fifth of the receivers, stored as fp16. One of these lights hangs
+    between the tall block and the wall, which coarser patches of expected light missed (1.9 %).
+    """
     settings = SrpBakeSettings(transport_rays=1024)
-    seed = int(np.random.default_rng().integers(1 << 31))
-    found = measure("cornell-box", 8000, settings, seed=seed)
-    assert (found.errors < 0.01).all(), (seed, found)
+    found = measure("cornell-box", 8000, settings, seed=2114380813)
+    assert (found.errors < 0.01).all(), found
     assert (found.vectors <= 32).all()
     assert found.coefficients < 32
