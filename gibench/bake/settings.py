@@ -25,9 +25,9 @@ class SrpBakeSettings:
         svd_vectors: most vectors kept of a cluster (paper: 32).
         svd_threshold: error of a leaf's irradiance under expected light, relative to itself; the
             leaf is refined into clusters as small as meet it (paper: 0.005; see
-            :func:`gibench.bake.cpca.compress`). Three samples of Sponza's leaves, 82 of 347, under
-            ten single lights each without bounces: 0.8 % and less for nine lights of ten, 1.0 to
-            1.4 % for the tenth, which lights little of the sample but one corner.
+            :func:`gibench.bake.cpca.compress`). Three samples of 16 to 36 of Sponza's 347
+            leaves under ten single lights each, without bounces: 0.8 % and less for nine lights of
+            ten, 1.0 to 1.4 % for the tenth.
         least_valid: share of valid samples below which a receiver counts as having none and stays
             dark. The mean over a handful of samples is noise, of full weight in the compression:
             in Sponza the 3 % of receivers below 1 %, nearly all inside walls, held a fifth of all
