@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lightings import point_light, probe_radiance
+from srp_compression import measure
 from tiny_scenes import room
 
 from gibench.bake.cpca import aabb_clusters, compress, truncated_svd
+from gibench.bake.expected_light import expected_light
 from gibench.bake.relight import relight_samples
 from gibench.bake.settings import SrpBakeSettings
 from gibench.bake.srp_data import ProbeSet
@@ -54,13 +57,37 @@ def test_truncated_svd_is_the_best_of_its_rank(shape):
         assert np.allclose(u.T @ u, np.eye(n), atol=1e-5)
 
 
-def test_dark_cluster_keeps_nothing():
+def some_light(rng, columns):
+    """As many independent lights as coefficients: none can be told from another."""
+    return rng.standard_normal((columns, columns)).astype(np.float32)
+
+
+def test_dark_receivers_become_a_cluster_of_nothing():
+    rng = np.random.default_rng(2)
     receivers, probes = np.arange(5, dtype=np.int32), np.array([3, 7], np.int32)
-    matrix = np.zeros((5, 8), np.float32)
-    (cluster,) = compress(receivers, np.zeros((5, 3)), probes, matrix, 4, 32, 0.005, 0.02)
+    matrix, still = np.zeros((5, 8), np.float32), np.zeros((5, 3))
+    light = some_light(rng, 8)
+    (cluster,) = compress(receivers, still, still, probes, matrix, light, 32, 0.005)
     assert cluster.projection.shape == (0, 0)
     assert cluster.reconstruction.shape == (5, 0)
     assert cluster.error == 0.0
+    matrix[3] = rng.standard_normal(8)
+    clusters = compress(receivers, still, still, probes, matrix, light, 32, 0.005)
+    assert [c.receivers.tolist() for c in clusters] == [[0, 1, 2, 4], [3]]
+    assert [len(c.projection) for c in clusters] == [0, 1]
+
+
+def test_light_that_is_not_there_does_not_matter():
+    """No patch is seen by any probe: the coefficients' own error is all that is left to judge."""
+    rng = np.random.default_rng(5)
+    matrix = rng.standard_normal((40, 8)).astype(np.float32)
+    positions = rng.random((40, 3)).astype(np.float32)
+    receivers, probes = np.arange(40, dtype=np.int32), np.array([3, 7], np.int32)
+    nothing = np.zeros((8, 0), np.float32)
+    clusters = compress(receivers, positions, positions, probes, matrix, nothing, 32, 1e-4)
+    for c in clusters:
+        rebuilt = c.reconstruction.astype(float) @ c.projection
+        assert np.allclose(rebuilt, matrix[c.receivers], atol=1e-3)
 
 
 def test_columns_of_unused_probes_are_dropped():
@@ -69,27 +96,54 @@ def test_columns_of_unused_probes_are_dropped():
     matrix[:, 1] = 0
     receivers, probes = np.arange(10, 16, dtype=np.int32), np.array([2, 5, 9], np.int32)
     positions = rng.random((6, 3)).astype(np.float32)
-    flat = matrix.reshape(6, -1)
-    (cluster,) = compress(receivers, positions, probes, flat, 4, 32, 0.0, 1.0)
+    flat, light = matrix.reshape(6, -1), some_light(rng, 12)
+    (cluster,) = compress(receivers, positions, positions, probes, flat, light, 32, 0.0)
     assert cluster.probes.tolist() == [2, 9]
     rebuilt = cluster.reconstruction @ cluster.projection
     assert np.allclose(rebuilt, matrix[:, [0, 2]].reshape(6, -1), atol=1e-5)
 
 
-def point_lights(scene, lightmap, relight, rng, count):
-    """Probe radiance (p * c, count) under one random point light each, with shadows."""
-    receivers = lightmap.receivers
-    low, high = scene.bounds
-    tracer = EmbreeTracer(scene.corners, threads=1)
-    radiance = np.zeros((lightmap.width * lightmap.height + 2, count))
-    for i in range(count):
-        light = (low + (high - low) * rng.uniform(0.1, 0.9, 3)).astype(np.float32)
-        toward = receivers.position + 1e-4 * receivers.normal - light
-        distance = np.linalg.norm(toward, axis=1)
-        cosine = np.maximum(0, -(toward * receivers.normal).sum(axis=1) / distance)
-        lit = ~tracer.occluded(np.broadcast_to(light, toward.shape), toward, 1 - 1e-4)
-        radiance[receivers.texel, i] = lit * cosine / np.maximum(distance, 0.05) ** 2
-    return np.einsum("psi,sc->pci", radiance[relight.texel], relight.basis.astype(float))
+@pytest.mark.parametrize("most", [4, 32])
+@pytest.mark.parametrize("threshold", [0.0, 0.005, 0.05, 0.3])
+def test_leaf_meets_the_threshold_with_fewer_values(most, threshold):
+    """Two surfaces of smooth transport, a probe that hardly matters, and noise."""
+    rng = np.random.default_rng(int(1000 * threshold) + most)
+    count, probes, c = 300, 5, 9
+    positions = rng.random((count, 3)).astype(np.float32)
+    wall = positions[:, 0] > 0.4
+    normals = np.where(wall[:, None], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]).astype(np.float32)
+    waves = np.stack([positions @ w for w in rng.normal(0, 3, (12, 3))], axis=1)
+    smooth = np.where(wall[:, None], np.sin(waves), np.cos(2 * waves))
+    matrix = (smooth @ rng.standard_normal((12, probes * c))).reshape(count, probes, c)
+    matrix[:, 3] *= 1e-5
+    matrix += 1e-4 * rng.standard_normal(matrix.shape) * (np.arange(probes) != 3)[:, None]
+    matrix = matrix.reshape(count, -1).astype(np.float32)
+    light = rng.standard_normal((probes * c, 70)).astype(np.float32)
+    receivers = rng.permutation(1000)[:count].astype(np.int32)
+    names = np.arange(2, 2 + probes, dtype=np.int32)
+    clusters = compress(receivers, positions, normals, names, matrix, light, most, threshold)
+    at = {int(r): i for i, r in enumerate(receivers)}
+    assert sorted(at) == sorted(np.concatenate([one.receivers for one in clusters]).tolist())
+    error = energy = stored = 0.0
+    for one in clusters:
+        own = matrix[[at[int(r)] for r in one.receivers]].astype(float)
+        rebuilt = np.zeros((len(own), probes, c))
+        product = one.reconstruction.astype(float) @ one.projection
+        rebuilt[:, one.probes - 2] = product.reshape(len(own), len(one.probes), c)
+        left = own - rebuilt.reshape(len(own), -1)
+        assert len(one.projection) <= most
+        assert one.error == pytest.approx(
+            np.linalg.norm(left) / np.linalg.norm(own), rel=1e-3, abs=1e-6
+        )
+        error += np.square(left @ light).sum()
+        energy += np.square(own @ light).sum()
+        stored += one.projection.size + one.reconstruction.size
+    if most == 32 or threshold >= 0.3:
+        # WHITE_LIGHT and what dropped probes add come on top.
+        assert np.sqrt(error / energy) <= 1.2 * threshold + 1e-6
+    if most == 32 and threshold >= 0.005:
+        assert stored < 0.8 * matrix.size
+        assert not any(5 in one.probes for one in clusters)  # the one that hardly matters
 
 
 def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings():
@@ -101,7 +155,10 @@ def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings(
     tables = visibility_tables(scene, lightmap, probes, tracer, 1e-5)
     worker = TransportBaker(scene, lightmap, probes, settings, tracer, tables).worker()
     relight = relight_samples(scene, lightmap, probes, tracer, 7, 1024)
-    light = point_lights(scene, lightmap, relight, np.random.default_rng(3), 10)
+    expected = expected_light(lightmap, relight)
+    rng = np.random.default_rng(3)
+    lights = [point_light(scene, lightmap, tracer, rng, 1e-4) for _ in range(10)]
+    light = probe_radiance(lightmap, relight, np.stack(lights, axis=1))
     difference, total = np.zeros(10), np.zeros(10)
     positions = lightmap.receivers.position
     stored = whole = 0
@@ -109,8 +166,9 @@ def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings(
         rows = worker.rows(members)
         full = rows.matrix.astype(float) @ light[rows.probes].reshape(-1, 10)
         clusters = compress(
-            members, positions[members], rows.probes, rows.matrix, 64,
-            settings.svd_vectors, settings.svd_threshold, settings.svd_refine,
+            members, positions[members], lightmap.receivers.normal[members], rows.probes,
+            rows.matrix, expected.columns(rows.probes),
+            settings.svd_vectors, settings.svd_threshold,
         )  # fmt: skip
         assert np.array_equal(np.sort(np.concatenate([c.receivers for c in clusters])), members)
         for c in clusters:
@@ -121,4 +179,16 @@ def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings(
             stored += c.projection.size + c.reconstruction.size
         whole += rows.matrix.size
     assert (np.sqrt(difference / total) < 0.01).all()
-    assert stored < 0.7 * whole
+    assert stored < 0.5 * whole
+
+
+@pytest.mark.slow
+def test_cornell_box_is_within_one_percent_under_ten_random_lightings():
+    """The whole scene at a fifth of the receivers, stored as fp16. One of these lights hangs
+    between the tall block and the wall, which coarser patches of expected light missed (1.9 %).
+    """
+    settings = SrpBakeSettings(transport_rays=1024)
+    found = measure("cornell-box", 8000, settings, seed=2114380813)
+    assert (found.errors < 0.01).all(), found
+    assert (found.vectors <= 32).all()
+    assert found.coefficients < 32

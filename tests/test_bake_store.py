@@ -199,7 +199,7 @@ def test_key_follows_content_and_settings_but_not_speed():
     "wrong",
     [
         {"sh_order": 8}, {"sh_order": -1}, {"probes": 0}, {"transport_rays": 0}, {"overlap": 0.0},
-        {"svd_threshold": -0.1}, {"svd_refine": 0.0},
+        {"svd_threshold": -0.1},
         {"least_valid": 1.0}, {"visibility": "perhaps"}, {"workers": 0},
     ],
 )  # fmt: skip

@@ -65,6 +65,6 @@ def _bound(
     whole = float(np.square(cluster.projection, dtype=np.float64).sum())
     part = float(np.square(kept, dtype=np.float64).sum())
     if not part > 0:
-        return 0.0
+        return cluster.error
     lost = cluster.error**2 / (1.0 - cluster.error**2) * whole
     return math.sqrt(error**2 + lost / (part + lost))

@@ -23,12 +23,11 @@ class SrpBakeSettings:
         overlap: mean number of probes that reach a receiver (paper: 10).
         cluster_size: most receivers in a cluster (thesis: 1024).
         svd_vectors: most vectors kept of a cluster (paper: 32).
-        svd_threshold: relative Frobenius error of a cluster at which fewer vectors are enough
-            (paper: 0.005).
-        svd_refine: relative Frobenius error above which a cluster is halved; 1 keeps the leaves
-            of the AABB tree as they are (the thesis), less refines them as the paper does. With
-            0.02 the irradiance of eight of Sponza's leaves under ten random point lights had a
-            median error of 0.9 %, with 0.03 of 1.0 % at five sixths of the size.
+        svd_threshold: error of a leaf's irradiance under expected light, relative to itself; the
+            leaf is refined into clusters as small as meet it (paper: 0.005; see
+            :func:`gibench.bake.cpca.compress`). Three samples of 16 to 36 of Sponza's 347
+            leaves under ten single lights each, without bounces: 0.8 % and less for nine lights of
+            ten, 1.0 to 1.4 % for the tenth.
         least_valid: share of valid samples below which a receiver counts as having none and stays
             dark. The mean over a handful of samples is noise, of full weight in the compression:
             in Sponza the 3 % of receivers below 1 %, nearly all inside walls, held a fifth of all
@@ -51,7 +50,6 @@ class SrpBakeSettings:
     cluster_size: int = 1024
     svd_vectors: int = 32
     svd_threshold: float = 0.005
-    svd_refine: float = 0.02
     least_valid: float = 0.01
     visibility: Literal["cached", "exact"] = "cached"
     interpolation: Literal["srp", "spatial", "visibility"] = "srp"
@@ -77,8 +75,6 @@ class SrpBakeSettings:
             raise BadInput(f"svd_threshold is {self.svd_threshold}", mend="use 0 to below 1")
         if not 0 <= self.least_valid < 1:
             raise BadInput(f"least_valid is {self.least_valid}", mend="use 0 to below 1")
-        if not self.svd_refine > 0:
-            raise BadInput(f"svd_refine is {self.svd_refine}", mend="use more than 0, 1 for never")
         if self.visibility not in ("cached", "exact"):
             raise BadInput(f"visibility is '{self.visibility}'", mend="use cached or exact")
         if self.interpolation not in INTERPOLATIONS:

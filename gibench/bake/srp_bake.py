@@ -15,6 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gibench.bake.cpca import aabb_clusters, compress
+from gibench.bake.expected_light import ExpectedLight, expected_light
 from gibench.bake.probes import mean_overlap, place_probes
 from gibench.bake.relight import relight_samples
 from gibench.bake.settings import SrpBakeSettings
@@ -113,7 +114,8 @@ def bake_srp(
                 tables = visibility_tables(scene, lightmap, probes, tracer, offset, seed)
             report.seconds["visibility tables"] = -(start - (start := perf_counter()))
             baker = TransportBaker(scene, lightmap, probes, settings, tracer, tables, seed)
-            for i, baked in _bake_units(baker, store, members, missing, report.clock):
+            light = expected_light(lightmap, relight)
+            for i, baked in _bake_units(baker, light, store, members, missing, report.clock):
                 found[i] = baked
             report.seconds["transport"] = -(start - (start := perf_counter()))
         report.stored_bytes = store.nbytes()
@@ -204,20 +206,22 @@ def _cluster(stored: Arrays, part: int) -> Cluster:
     return Cluster(receivers, probes, projection, reconstruction, float(error))
 
 
-def _bake_unit(worker: TransportWorker, store: BakeStore, index: int, members: Ints) -> Unit:
+def _bake_unit(
+    worker: TransportWorker, light: ExpectedLight, store: BakeStore, index: int, members: Ints
+) -> Unit:
     """Compute, compress, store."""
-    baker, settings = worker.baker, worker.baker.settings
+    receivers, settings = worker.baker.lightmap.receivers, worker.baker.settings
     rows = worker.rows(members)
     start = perf_counter()
     clusters = compress(
         members,
-        baker.lightmap.receivers.position[members],
+        receivers.position[members],
+        receivers.normal[members],
         rows.probes,
         rows.matrix,
-        baker.coefficients,
+        light.columns(rows.probes),
         settings.svd_vectors,
         settings.svd_threshold,
-        settings.svd_refine,
     )
     start = worker.clock.add("compress", start, len(members))
     usable = int((rows.valid > 0).sum())
@@ -231,6 +235,7 @@ def _bake_unit(worker: TransportWorker, store: BakeStore, index: int, members: I
 
 def _bake_units(
     baker: TransportBaker,
+    light: ExpectedLight,
     store: BakeStore,
     members: list[Ints],
     missing: list[int],
@@ -246,7 +251,7 @@ def _bake_units(
     def bake(index: int) -> tuple[int, Unit]:
         worker = idle.get()
         try:
-            return index, _bake_unit(worker, store, index, members[index])
+            return index, _bake_unit(worker, light, store, index, members[index])
         finally:
             idle.put(worker)
 

@@ -56,11 +56,11 @@ class Cluster:
 
     Attributes:
         receivers: (m,) int32 receiver indices, at most 1024.
-        probes: (k,) int32 probes that any of them uses, ascending; the stored columns are these
-            probes' blocks of c coefficients (columns of zeros dropped).
+        probes: (k,) int32 probes that matter to any of them, ascending; the stored columns are
+            these probes' blocks of c coefficients.
         projection: (n, k * c) float32, Sigma V^T; n is 0 when the whole cluster is dark.
         reconstruction: (m, n) float32, U.
-        error: relative Frobenius error of the truncation.
+        error: relative Frobenius error of the coefficients, of dropped probes and truncation.
     """
 
     receivers: Ints = field(repr=False)

@@ -35,7 +35,7 @@ from gibench.errors import BadInput, CannotRun
 from gibench.progress import progress
 
 # Raised whenever what is baked, or how it is stored, changes.
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 MAGIC = b"GIBENCH1"
 
 Arrays = dict[str, npt.NDArray[Any]]

@@ -95,8 +95,8 @@ class SrpSettings:
     svd_threshold: float = field(
         default=0.005,
         metadata={
-            "help": "relative error of a cluster's transport at which fewer vectors are enough "
-            "(paper: 0.005)",
+            "help": "relative error of the irradiance that compression may leave, under light "
+            "from anywhere: smaller for more time and memory (paper: 0.005)",
             "unit": "",
         },
     )
