@@ -17,17 +17,14 @@ needs_oclgrind = pytest.mark.skipif(
 )
 
 
-def under_oclgrind(
-    tmp_path: Path, script: str, *arguments: str, uninitialised: bool = True
-) -> tuple[list[str], str]:
-    """Run ``script`` of tests/oclgrind under Oclgrind, looking for bad memory and data races.
+def under_oclgrind(tmp_path: Path, script: str, *arguments: str) -> tuple[list[str], str]:
+    """Run ``script`` of tests/oclgrind under Oclgrind, which looks for bad memory, data races and
+    uninitialised values.
 
     Args:
         tmp_path: for the log.
         script: a file of tests/oclgrind.
         arguments: its arguments.
-        uninitialised: look for uninitialised values too; Oclgrind 21.10 segfaults on some kernels
-            when it does.
 
     Returns:
         The lines it printed, and the log: empty when nothing was found. Oclgrind exits 0 whatever
@@ -39,8 +36,7 @@ def under_oclgrind(
     environment["OCLGRIND_BUILD_OPTIONS"] = "-cl-opt-disable"
     ran = subprocess.run(
         [
-            *("oclgrind", "--data-races", "--max-errors", "100000"),
-            *(["--uninitialized"] if uninitialised else []),
+            *("oclgrind", "--data-races", "--uninitialized", "--max-errors", "100000"),
             *("--log", str(log), sys.executable, str(SCRIPTS / script), *arguments),
         ],
         env=environment,

@@ -1,9 +1,20 @@
 """Small scenes whose light is known in closed form, and receivers on their triangles."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
-from gibench.scene.model import BLACK, Environment, Material, Scene, Texture
+from gibench.scene.model import (
+    BLACK,
+    DirectionalLight,
+    Environment,
+    Material,
+    PointLight,
+    Scene,
+    SpotLight,
+    Texture,
+)
 
 DARK = Material("dark", (0.0, 0.0, 0.0))
 
@@ -113,3 +124,42 @@ def lightmap_of(scene, groups):
 
 def plain_texture(rgb, shape=(2, 3)):
     return Texture("plain", np.broadcast_to(np.asarray(rgb, np.float32), (*shape, 3)).copy())
+
+
+def unit(v):
+    """A vector at length 1."""
+    return v / np.linalg.norm(v)
+
+
+def random_scene(rng):
+    """Two emissive panels in a textured room with tilted normals, every light, a sky."""
+    panels = [
+        *quad((0.2, 0.9, 0.2), (0.3, 0, 0), (0, 0, 0.3)),
+        *quad((0.9, 0.2, 0.2), (0, 0, 0.5), (0, 0.2, 0)),
+    ]
+    corners = np.array([*box(), *panels])
+    ids = [0] * 6 + [1] * 6 + [2, 2, 3, 3]
+    materials = (
+        Material("wall", (0.5, 0.6, 0.7), texture=1),
+        Material("plain", (0.9, 0.8, 0.2)),
+        Material("warm", (0.1, 0.1, 0.1), (4.0, 3.0, 1.0)),
+        Material("cold", (0.0, 0.0, 0.0), (0.5, 0.5, 2.0), texture=0),
+    )
+    aim = unit(rng.normal(size=3))
+    lights = (
+        DirectionalLight(tuple(unit(rng.normal(size=3))), (3.0, 2.0, 1.0)),
+        PointLight((0.4, 0.7, 0.6), (0.5, 1.0, 0.7)),
+        SpotLight((0.6, 0.6, 0.3), tuple(aim), (2.0, 1.0, 5.0), 0.4, 1.2),
+    )
+    scene = scene_of(
+        corners,
+        ids,
+        materials,
+        lights=lights,
+        uvs=rng.normal(size=(len(corners) * 3, 2)) * 2,
+        textures=[Texture(str(n), rng.random((n, n + 1, 3)).astype(np.float32)) for n in (3, 5)],
+        environment=Environment(rng.random((6, 9, 3)).astype(np.float32)),
+    )
+    tilted = scene.normals + 0.3 * rng.normal(size=scene.normals.shape)
+    tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
+    return replace(scene, normals=tilted.astype(np.float32))

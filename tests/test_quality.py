@@ -330,6 +330,7 @@ def test_a_stored_reference_serves_again_and_for_nothing_else(run, tmp_path, cap
         (["--region", "r=0.5,0.5,1.5,0.9"], "leaves the image"),
         (["--reference", "no-such.npz"], "no such file"),
         (["--camera", "nowhere"], "has no camera"),
+        (["--camera-path", "flight"], "end before the camera is back"),
     ],
 )
 def test_wrong_input_is_told_in_one_line(run, tmp_path, capsys, wrong, what):

@@ -1,15 +1,10 @@
 """The reference's kernels against float64 NumPy on random vertices, hits and lights."""
 
-from dataclasses import replace
-
 import numpy as np
-import pyopencl as cl
 import pytest
 import reference_oracle as oracle
-from reference_scenes import box, lightmap_of, quad, scene_of
-from scipy.stats import qmc
+from reference_scenes import lightmap_of, random_scene
 
-from gibench.device.source import kernel_source
 from gibench.rays.tracer import Hits
 from gibench.reference import host_cl, wavefront
 from gibench.reference.camera import image_plane
@@ -18,11 +13,7 @@ from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront, _
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
-    Environment,
-    Material,
-    PointLight,
     SpotLight,
-    Texture,
 )
 
 OWNERS, SAMPLES, SEED = 37, 7, 12345
@@ -34,43 +25,6 @@ GRAZING = 1e-6
 def group(request, monkeypatch):
     monkeypatch.setattr(wavefront, "host_program", lambda: host_cl.host_program(request.param))
     return request.param
-
-
-def test_scene(rng):
-    """Two emissive panels in a textured room with tilted normals, every light, a sky."""
-    panels = [
-        *quad((0.2, 0.9, 0.2), (0.3, 0, 0), (0, 0, 0.3)),
-        *quad((0.9, 0.2, 0.2), (0, 0, 0.5), (0, 0.2, 0)),
-    ]
-    corners = np.array([*box(), *panels])
-    ids = [0] * 6 + [1] * 6 + [2, 2, 3, 3]
-    materials = (
-        Material("wall", (0.5, 0.6, 0.7), texture=1),
-        Material("plain", (0.9, 0.8, 0.2)),
-        Material("warm", (0.1, 0.1, 0.1), (4.0, 3.0, 1.0)),
-        Material("cold", (0.0, 0.0, 0.0), (0.5, 0.5, 2.0), texture=0),
-    )
-    aim = oracle.unit_vector(rng.normal(size=3))
-    lights = (
-        DirectionalLight(tuple(oracle.unit_vector(rng.normal(size=3))), (3.0, 2.0, 1.0)),
-        PointLight((0.4, 0.7, 0.6), (0.5, 1.0, 0.7)),
-        SpotLight((0.6, 0.6, 0.3), tuple(aim), (2.0, 1.0, 5.0), 0.4, 1.2),
-    )
-    scene = scene_of(
-        corners,
-        ids,
-        materials,
-        lights=lights,
-        uvs=rng.normal(size=(len(corners) * 3, 2)) * 2,
-        textures=[Texture(str(n), rng.random((n, n + 1, 3)).astype(np.float32)) for n in (3, 5)],
-        environment=Environment(rng.random((6, 9, 3)).astype(np.float32)),
-    )
-    tilted = scene.normals + 0.3 * rng.normal(size=scene.normals.shape)
-    tilted /= np.linalg.norm(tilted, axis=1, keepdims=True)
-    return replace(scene, normals=tilted.astype(np.float32))
-
-
-test_scene.__test__ = False
 
 
 class ChosenRays:
@@ -174,7 +128,7 @@ def connection(scene, packed, light, vertex, path, point, normal):
 @pytest.mark.parametrize(("vertex", "count"), [(0, 259), (2, 131), (1, 1)])
 def test_connect_and_resolve(group, vertex, count):
     rng = np.random.default_rng()
-    scene, tracer = test_scene(rng), ChosenRays()
+    scene, tracer = random_scene(rng), ChosenRays()
     front, q, at = ready(scene, tracer, rng, count)
     before = q.collected.array.copy()
     front._connect(q, at, count, vertex, WHICH)
@@ -221,7 +175,7 @@ def test_connect_and_resolve(group, vertex, count):
 )
 def test_shade(group, vertex, kind, plain, count):
     rng = np.random.default_rng()
-    scene = test_scene(rng)
+    scene = random_scene(rng)
     triangle = rng.integers(-1, len(scene.triangles), count).astype(np.int32)
     u = rng.random(count).astype(np.float32) * np.float32(0.5)
     v = rng.random(count).astype(np.float32) * np.float32(0.5)
@@ -291,7 +245,7 @@ def test_shade(group, vertex, kind, plain, count):
 
 def test_start_at_receivers_and_average(group):
     rng = np.random.default_rng()
-    scene = test_scene(rng)
+    scene = random_scene(rng)
     groups = [rng.choice(12, 3, replace=False) for _ in range(OWNERS)]
     fragments = pack_fragments(lightmap_of(scene, groups).fragments)
     front = Wavefront(pack_scene(scene, 0), ChosenRays(), ReceiverStart(fragments), 0)
@@ -324,7 +278,7 @@ def test_start_at_receivers_and_average(group):
 
 def test_start_at_camera(group):
     rng = np.random.default_rng()
-    scene = test_scene(rng)
+    scene = random_scene(rng)
     camera = Camera(tuple(rng.random(3)), tuple(rng.random(3) + 1), 47.0)
     width, height = 9, 5
     plane = image_plane(camera, width, height)
@@ -348,66 +302,3 @@ def test_start_at_camera(group):
     assert origins == pytest.approx(np.broadcast_to(position, origins.shape), abs=1e-7)
     sky = scene.environment.radiance(directions).reshape(-1, SAMPLES, 3).mean(axis=1)
     assert mean == pytest.approx(sky, rel=1e-4)
-
-
-@pytest.fixture(scope="module")
-def draw():
-    """sample_2d, sample_1d, the second Sobol dimension and cos_sin_turns, as kernels."""
-    context = host_cl.host_program().context
-    source = """
-    __kernel void draw(__global const uint *index, uint seed, __global float *out) {
-        const uint i = get_global_id(0);
-        const float2 s = sample_2d(index[i], seed), c = cos_sin_turns(unit_float(index[i] << 8));
-        vstore4((float4)(s, c), i, out);
-        out[4 * get_global_size(0) + i] = sample_1d(index[i], seed);
-        out[5 * get_global_size(0) + i] = unit_float(reverse_bits(sobol_second_reversed(index[i])));
-    }"""
-    program = cl.Program(context, kernel_source("reference/sampler.cl") + source).build()
-    kernel = cl.Kernel(program, "draw")
-
-    def run(index, seed):
-        host = host_cl.host_program()
-        out, index = np.empty(6 * len(index), np.float32), np.asarray(index, np.uint32)
-        held, given = host.share(out), host.share(index)
-        kernel(host.queue, (len(index),), None, given.buffer, np.uint32(seed), held.buffer)
-        host.queue.finish()
-        n = len(index)
-        return out[: 4 * n].reshape(n, 4), out[4 * n : 5 * n], out[5 * n :]
-
-    return run
-
-
-def test_samples_equal_the_formulas(draw):
-    rng = np.random.default_rng()
-    index = rng.integers(0, 1 << 32, 200, dtype=np.uint32)
-    seed = int(rng.integers(0, 1 << 32))
-    pairs, single, second = draw(index, seed)
-    turns = (index & 0xFFFFFF) * 2.0**-24
-    assert pairs[:, 2] == pytest.approx(np.cos(2 * np.pi * turns), abs=1e-6)
-    assert pairs[:, 3] == pytest.approx(np.sin(2 * np.pi * turns), abs=1e-6)
-    for i, n in enumerate(index.tolist()):
-        assert pairs[i, :2].tolist() == oracle.sample_2d(n, seed).tolist()
-        assert single[i] == oracle.sample_1d(n, seed)
-        assert second[i] == oracle.unit(oracle.second_sobol(n))
-
-
-def test_the_second_dimension_is_sobols(draw):
-    count = 1 << 10
-    order = np.arange(count) ^ np.arange(count) >> 1  # SciPy goes by Gray code
-    theirs = qmc.Sobol(2, scramble=False).random(count)[:, 1]
-    assert draw(order, 0)[2] == pytest.approx(theirs, abs=1e-7)
-
-
-def test_samples_are_stratified_and_scrambled(draw):
-    """Any aligned 2^k samples have one point in each elementary interval of area 2^-k."""
-    seen = []
-    for seed in (1, 99, 0xDEADBEEF):
-        pairs, single, _ = draw(np.arange(64) + 64 * (seed % 5), seed)
-        for power in range(7):
-            x = np.floor(pairs[:, 0] * (1 << power)).astype(int)
-            y = np.floor(pairs[:, 1] * (64 >> power)).astype(int)
-            assert len(set(zip(x.tolist(), y.tolist(), strict=True))) == 64
-        assert len(set(np.floor(single * 64).astype(int).tolist())) == 64
-        seen.append(pairs)
-    assert abs(np.corrcoef(seen[0][:, 0], seen[1][:, 0])[0, 1]) < 0.5
-    assert not np.allclose(seen[1], seen[2])

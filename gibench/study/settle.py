@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +22,8 @@ from gibench.scene.lightmap import Lightmap
 from gibench.techniques.technique import KnowsItsCover, Technique
 
 FIRST_CHECK = 16
-"""Frames after which the indirect light is looked at first, and then whenever they double."""
+"""Frames after which the indirect light is looked at first, and then whenever they double; a
+camera's flight comes before them."""
 
 
 @dataclass(frozen=True)
@@ -93,11 +95,11 @@ def settle(
     device, technique = set_up(result, loop, shared, cl_device)
     try:
         prepared = prepare_passes(technique, configuration.workgroup_size)
-        _refuse_missing(prepared)
+        refuse_missing(prepared)
         title = f"settling {configuration.label(scene.name)}"
         with progress(title, options.frames) as advance:
             frames, times = 0, []
-            watch = _Watch(options)
+            watch = _Watch(options, _next=loop.flight.frames + FIRST_CHECK)
             while frames < options.frames:
                 times.append(enqueue_frame(technique, prepared, frames).wall_ms)
                 frames += 1
@@ -150,7 +152,13 @@ class _Watch:
         return self.settled
 
 
-def _refuse_missing(prepared: list[PreparedPass]) -> None:
+def refuse_missing(prepared: Sequence[PreparedPass]) -> None:
+    """Refuse a frame without all its passes.
+
+    Raises:
+        CannotRun: the profile or device forbids one.
+        GibenchError: one failed.
+    """
     for item in prepared:
         if item.status != "ok":
             kind = CannotRun if item.status == SKIPPED else GibenchError

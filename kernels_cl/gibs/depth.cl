@@ -70,8 +70,9 @@ inline float2 hemisphere_square(float3 normal, float3 direction)
 
 inline int hemisphere_texel(float2 square)
 {
-    const int2 at = clamp(convert_int2((square + 1.0f) * (0.5f * HEMISPHERE_SIDE)), 0,
-                          HEMISPHERE_SIDE - 1);
+    // Oclgrind 21.10 reads scalar bounds of a vector of integers as a vector.
+    const int2 at = clamp(convert_int2((square + 1.0f) * (0.5f * HEMISPHERE_SIDE)), (int2)(0),
+                          (int2)(HEMISPHERE_SIDE - 1));
     return at.y * HEMISPHERE_SIDE + at.x;
 }
 

@@ -37,6 +37,13 @@ inline int grid_index(const GridBox *box, int3 at)
     return box->base + (at.z * box->rows + at.y) * box->columns + at.x;
 }
 
+// x rounded down, within 0 to count - 1; 0 for NaN. (Oclgrind 21.10 crashes on convert_int_sat of a
+// scalar when it looks for uninitialised values.)
+inline int grid_rounded(float x, int count)
+{
+    return x >= 0.0f ? (x < count ? (int)x : count - 1) : 0;
+}
+
 #if GRID_PERSPECTIVE
 
 #define GRID_REGIONS 7
@@ -44,20 +51,26 @@ inline int grid_index(const GridBox *box, int3 at)
 
 inline int grid_slice(__global const float *grid, float depth)
 {
-    const int slice = convert_int_sat(floor(log(depth / grid[3]) * grid[5]));
-    return clamp(slice, 0, GRID_SLICES - 1);
+    return grid_rounded(log(depth / grid[3]) * grid[5], GRID_SLICES);
 }
 
 inline int grid_column(float u)
 {
-    return clamp(convert_int_sat(floor((u + 1.0f) * (0.5f * GRID_N))), 0, GRID_N - 1);
+    return grid_rounded((u + 1.0f) * (0.5f * GRID_N), GRID_N);
+}
+
+// The cell of the cube around the camera that `from_corner` lies in or next to.
+inline int3 grid_cube(float3 from_corner, float cells_per_metre)
+{
+    const int3 at = convert_int3_sat(floor(from_corner * cells_per_metre));
+    return clamp(at, (int3)(0), (int3)(GRID_N - 1));
 }
 
 // `p` with the axis of pyramid `face` (0-1: x, 2-3: y, 4-5: z; odd: negative) in z.
 inline float3 grid_turned(int face, float3 p)
 {
     const float3 t = face < 2 ? p.yzx : face < 4 ? p.zxy : p;
-    return face & 1 ? (float3)(t.xy, -t.z) : t;
+    return (float3)(t.x, t.y, face & 1 ? -t.z : t.z);
 }
 
 inline GridBox grid_region(int region)
@@ -76,8 +89,7 @@ inline int grid_cell(__global const float *grid, float3 position)
     const float depth = fmax(a.x, fmax(a.y, a.z));
     if (depth < grid[3]) {
         const GridBox box = grid_region(0);
-        const int3 at = convert_int3_sat(floor((p + grid[3]) * grid[4]));
-        return grid_index(&box, clamp(at, 0, GRID_N - 1));
+        return grid_index(&box, grid_cube(p + grid[3], grid[4]));
     }
     int face = a.x == depth ? 0 : a.y == depth ? 2 : 4;
     face += (face == 0 ? p.x : face == 2 ? p.y : p.z) < 0.0f;
@@ -99,8 +111,8 @@ inline bool grid_box(__global const float *grid, int region, float3 position, fl
     if (region == 0) {
         if (any(low >= half_side) || any(high <= -half_side))
             return false;
-        box->first = clamp(convert_int3_sat(floor((low + half_side) * grid[4])), 0, GRID_N - 1);
-        box->last = clamp(convert_int3_sat(floor((high + half_side) * grid[4])), 0, GRID_N - 1);
+        box->first = grid_cube(low + half_side, grid[4]);
+        box->last = grid_cube(high + half_side, grid[4]);
         return true;
     }
     const float3 a = grid_turned(region - 1, low), b = grid_turned(region - 1, high);
@@ -239,8 +251,9 @@ inline int2 grid_row(const GridSlab *slab, const GridBox *box, int y, int z)
         const float at = slab->at + y * slab->step.y + z * slab->step.z;
         const float a = (-slab->reach - at) * slab->inverse;
         const float b = (slab->reach - at) * slab->inverse;
-        return (int2)(max(box->first.x, convert_int_sat(ceil(fmin(a, b)))),
-                      min(box->last.x, convert_int_sat(floor(fmax(a, b)))));
+        // The box's first and last x lie inside of 0 and columns - 1 here.
+        return (int2)(max(box->first.x, grid_rounded(ceil(fmin(a, b)), box->columns + 1)),
+                      min(box->last.x, grid_rounded(fmax(a, b), box->columns + 1)));
     }
 #endif
     return (int2)(box->first.x, box->last.x);

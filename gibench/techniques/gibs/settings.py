@@ -10,8 +10,6 @@ from gibench.errors import BadInput
 
 UNIFORM: Final = "uniform"
 PERSPECTIVE: Final = "perspective"
-REST: Final = "rest"
-FLIGHT: Final = "flight"
 MULTI_SCALE: Final = "multi-scale"
 FLOORED: Final = "floored"
 
@@ -69,14 +67,9 @@ class GibsSettings:
     )
     recycle_pressure_from: float = _setting(0.7, "share of IDs taken from which recycling begins")
     recycle_coverage: float = _setting(6.0, "coverage beyond which a surfel is one too many")
-    camera_path: str = _setting(
-        REST, "rest, flight (built in for every scene), or a TOML file of positions and targets"
-    )
-    rest_frames: int = _setting(60, "frames at rest before the flight", "frames")
-    flight_frames: int = _setting(240, "frames of the flight; after it the camera rests", "frames")
 
     def __post_init__(self) -> None:
-        for name in ("surfels", "ray_budget", "grid_cells", "entries_per_surfel", "flight_frames"):
+        for name in ("surfels", "ray_budget", "grid_cells", "entries_per_surfel"):
             self._require(name, getattr(self, name) >= 1, "at least 1")
         for name in (
             "rays_per_surfel",
@@ -88,7 +81,6 @@ class GibsSettings:
             "recycle_coverage",
         ):
             self._require(name, getattr(self, name) > 0, "greater than 0")
-        self._require("rest_frames", self.rest_frames >= 0, "at least 0")
         self._require("normal_stretch", self.normal_stretch >= 1, "at least 1")
         self._require("grid_cells", self.grid_cells <= 512, "at most 512")
         self._require("grid_cells", self.grid_cells >= 2, "at least 2")

@@ -1,0 +1,67 @@
+"""What is run under Oclgrind: one case is one start of the simulator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from gibench.techniques.registry import techniques
+
+# Work-group size and floats per vector: even, odd (a last group that is not full), scalar.
+SIZES = ((16, 16), (7, 4), (64, 1))
+
+
+@dataclass(frozen=True)
+class Case:
+    """Something to run.
+
+    Attributes:
+        what: a function of run_case.py.
+        size: work-items per group; the bake's kernels have their own, of one.
+        width: floats per vector.
+        technique: for ``bake`` and ``frames``.
+        variant: for ``frames``.
+        settings: of the technique, beside run_case.SMALL.
+    """
+
+    what: str
+    size: int
+    width: int
+    technique: str = ""
+    variant: str = ""
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        settings = [f"{k}={v}" for k, v in self.settings.items()]
+        names = (self.what, self.technique, self.variant, self.size, self.width, *settings)
+        return "-".join(str(name) for name in names if name)
+
+
+# Besides the defaults: what compiles other code into the same kernels.
+OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
+    "srp": [{"storage": "fp32"}, {"storage": "snorm16", "probe_update_fraction": 0.5}],
+    "gibs": [
+        {"grid": "perspective", "ray_guiding": True},
+        {"depth_moments": False, "grid_cells": 14},
+    ],
+}
+
+BAKES = [
+    *(Case("bake", 1, width, "srp") for width in (16, 4, 1)),
+    Case("bake", 1, 16, "srp", settings={"interpolation": "visibility"}),
+]
+FRAMES = [
+    *(
+        Case("frames", size, width, spec.name, variant)
+        for spec in techniques().values()
+        for variant in spec.variants
+        for size, width in SIZES
+    ),
+    *(
+        Case("frames", 16, 16, spec.name, variant, settings)
+        for spec in techniques().values()
+        for variant in spec.variants
+        for settings in OTHER_SETTINGS.get(spec.name, [])
+    ),
+]
+OTHERS = [Case(what, *sizes) for what in ("roofs", "rays", "reference") for sizes in SIZES]
