@@ -11,6 +11,8 @@ from synthetic_bake import random_lightmap
 
 from gibench.errors import BadInput
 from gibench.measure.timings import _flight
+from gibench.rays.embree import EmbreeTracer
+from gibench.scene.load import load_scene
 from gibench.scene.model import Camera
 from gibench.techniques.camera_path import CameraPath, Flight, FlightOptions, built_in_flight
 from gibench.techniques.direct import SPEC as DIRECT
@@ -81,6 +83,55 @@ def test_the_built_in_flight_stays_inside():
         assert np.all(np.array(camera.position) > low)
         assert np.all(np.array(camera.position) < high)
         assert np.linalg.norm(np.subtract(camera.target, camera.position)) > 0.1
+
+
+def seen_from(tracer, camera, points, normals):
+    """Which fronts (n, 3) a camera's square image shows, by rays from the camera."""
+    position = np.array(camera.position)
+    axis = np.subtract(camera.target, position)
+    side = np.cross(axis, camera.up)
+    frame = np.stack([side / np.linalg.norm(side), np.cross(side, axis), axis])
+    frame /= np.linalg.norm(frame, axis=1, keepdims=True)
+    way = points - position
+    x, y, z = frame @ way.T
+    edge = np.tan(np.radians(camera.fov_degrees) / 2) * z
+    inside = (z > 0) & (np.abs(x) < edge) & (np.abs(y) < edge)
+    return inside & in_sight(tracer, position, points, normals)
+
+
+def in_sight(tracer, position, points, normals):
+    """Which fronts (n, 3) nothing hides from ``position``."""
+    origins = np.broadcast_to(position, points.shape).astype(np.float32)
+    way = points - position
+    distance = tracer.closest(origins, way.astype(np.float32)).distance
+    return (distance > 0.999) & ((way * normals).sum(axis=1) < 0)
+
+
+@pytest.mark.parametrize("name", ["cornell-box", "two-rooms"])
+def test_the_built_in_flight_shows_what_the_camera_at_rest_does_not(name):
+    scene = load_scene(name)
+    rng = np.random.default_rng()
+    corners = scene.corners.astype(np.float64)
+    edges = corners[:, 1:] - corners[:, :1]
+    across = np.cross(edges[:, 0], edges[:, 1])
+    area = np.linalg.norm(across, axis=1)
+    weights = rng.dirichlet((1, 1, 1), 3000)
+    triangle = rng.choice(len(area), 3000, p=area / area.sum())
+    points, normals = np.einsum("nc,ncx->nx", weights, corners[triangle]), across[triangle]
+    # Not what nobody sees.
+    tracer = EmbreeTracer(scene.corners)
+    anywhere = rng.uniform(*scene.bounds, (200, 3))
+    seeable = np.any([in_sight(tracer, one, points, normals) for one in anywhere], axis=0)
+    points, normals = points[seeable], normals[seeable]
+    rest = scene.cameras[0]
+    path = built_in_flight(scene, rest)
+    at_rest = seen_from(tracer, rest, points, normals)
+    shares = np.linspace(0, 1, len(path.positions))
+    seen = at_rest.copy()
+    for share in shares:
+        seen |= seen_from(tracer, path.at(float(share), rest), points, normals)
+    assert at_rest.mean() < 0.85
+    assert seen.mean() > 0.98
 
 
 def direct(scene, flight):

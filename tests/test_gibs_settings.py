@@ -33,6 +33,7 @@ def test_it_is_found_by_name():
         ("placement_chance", 1.5),
         ("recycle_chance", -0.1),
         ("recycle_pressure_from", 1.0),
+        ("estimator", "median"),
     ],
 )
 def test_a_wrong_setting_is_refused_by_name(name, value):

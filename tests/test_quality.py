@@ -261,6 +261,8 @@ def test_quality_leaves_what_it_promises(run):
     assert direct["bias"] == pytest.approx(-1) and direct["rel_l2"] == pytest.approx(1, rel=1e-3)
     srp = table[table["technique"] == "srp"].iloc[0]
     assert abs(srp["bias"]) < 0.3 and srp["rel_l2"] < 0.6
+    assert (table.loc[table["region"] == "whole", "uncovered"] == 0).all()
+    assert direct["bias_covered"] == direct["bias"]
     assert (table["time_ms"] > 0).all() and (table["memory_bytes"] > 0).all()
     with np.load(out / "receivers.npz") as held:
         n = len(held["position"])
@@ -275,6 +277,27 @@ def test_quality_leaves_what_it_promises(run):
         with Image.open(out / "images" / name) as image:
             assert image.size == (48, 32)
     assert "none is a time of the modelled device" in (out / "quality.md").read_text().lower()
+
+
+def test_what_a_technique_does_not_cover_is_told_apart(run, tmp_path, capsys):
+    """A camera at rest: GIBS has no surfels on the backs of the boxes, which count as black."""
+    out, cache = run
+    wide = ("surfels=3000", "placement_chance=1", "radius_share=0.2", "grid_cells=4")
+    settings = [word for one in wide for word in ("--set", f"gibs.{one}")]
+    options = ("-t", "gibs", *settings, "--reference", str(out / "receivers.npz"))
+    code = call(["quality", *SMALL, *options, "--cache-dir", str(cache), "--out", str(tmp_path)])
+    assert code == 0
+    row = pd.read_csv(tmp_path / "quality.csv").iloc[0]
+    with np.load(tmp_path / "receivers.npz") as held:
+        area, x, y = held["area"][:, None], held["gibs"], held["reference"]
+    lit = x.any(axis=1)
+    assert 10 < row["uncovered"] <= np.count_nonzero(~lit) < len(x) / 2
+    assert row["bias"] == pytest.approx((area * (x - y)).sum() / (area * y).sum(), rel=1e-3)
+    others = (area * (x - y))[lit].sum() / (area * y)[lit].sum()
+    assert row["bias_covered"] == pytest.approx(others, abs=0.01)
+    assert row["bias_covered"] > row["bias"] + 0.02
+    said = f"{row['uncovered']} of {len(x)} receivers uncovered and counted as black; bias over"
+    assert said in (tmp_path / "quality.md").read_text()
 
 
 def test_a_stored_reference_serves_again_and_for_nothing_else(run, tmp_path, capsys):
@@ -307,6 +330,7 @@ def test_a_stored_reference_serves_again_and_for_nothing_else(run, tmp_path, cap
         (["--region", "r=0.5,0.5,1.5,0.9"], "leaves the image"),
         (["--reference", "no-such.npz"], "no such file"),
         (["--camera", "nowhere"], "has no camera"),
+        (["--camera-path", "flight"], "end before the camera is back"),
     ],
 )
 def test_wrong_input_is_told_in_one_line(run, tmp_path, capsys, wrong, what):

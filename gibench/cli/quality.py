@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gibench.cli import options
+from gibench.cli import flight, options
 from gibench.errors import BadInput, CheckFailed, Interrupted
 
 if TYPE_CHECKING:
@@ -72,6 +72,9 @@ def quality(
     frames: options.SettleFrames = 512,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
+    camera_path: flight.CameraPathChoice = "rest",
+    rest_frames: flight.RestFrames = 60,
+    flight_frames: flight.FlightFrames = 240,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -99,6 +102,8 @@ def quality(
 
       gibench quality -t srp -t gibs -t ddgi --scene hall --receivers 20000 --target-error 0.05
 
+      gibench quality -t gibs --camera-path flight --frames 1024
+
       gibench quality --scene blue-orange-box --region shadow=0.3,0.5,0.4,0.7
     """
     from gibench.device.device import select_cl_device
@@ -119,6 +124,13 @@ def quality(
     specs = options.find_techniques(technique)
     asked = options.request(scene, variant, sh_order, probes, receivers, workgroup_size, settings)
     configurations = grid(profiles, specs, asked)
+    flown = flight.flight(camera_path, rest_frames, flight_frames)
+    if frames <= flown.frames:
+        raise BadInput(
+            f"{frames} frames end before the camera is back from its flight of {flown.frames}",
+            where="--frames",
+            mend="give more, for light to settle after it",
+        )
     cl_device = select_cl_device(device)
     shared = FrozenShared(options.cache_folder(cache_dir), seed, light_frame=light_frame)
     several = len({(c.scene, c.receivers) for c in configurations}) > 1
@@ -127,7 +139,7 @@ def quality(
             "--reference is of one scene and one number of receivers, and several are asked for"
         )
     how = QualityOptions(
-        loop=LoopOptions(width=width, height=height, camera=camera, seed=seed),
+        loop=LoopOptions(width=width, height=height, camera=camera, seed=seed, flight=flown),
         settle=SettleOptions(frames),
         bounces=bounces,
         target_error=target_error,
@@ -196,9 +208,11 @@ def _arguments(given: dict[str, Any]) -> dict[str, Any]:
         *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
         *("workgroup_size", "settings", "light_frame", "bounces", "target_error", "reference"),
         *("reference_seed", "region", "frames", "resolution", "camera", "seed", "device"),
+        *("camera_path", "rest_frames", "flight_frames"),
     )
     arguments = {name: given[name] for name in names}
     for name in ("device_profile", "scene"):
         arguments[name] = [Path(value).name for value in arguments[name]]
+    arguments["camera_path"] = Path(given["camera_path"]).name
     arguments["reference"] = given["reference"] and given["reference"].name
     return arguments

@@ -19,7 +19,7 @@ _TITLES = {
     "flip": "FLIP",
     "ssim": "SSIM",
 }
-_AS_PERCENT = ("bias", "rel_l2")
+_AS_PERCENT = ("bias", "rel_l2", "bias_covered")
 NOT_THEIRS = (
     "Times are of the machine they were measured on, under the limits of the profile; none is a "
     "time of the modelled device."
@@ -31,7 +31,14 @@ def quality_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> 
     table = pd.DataFrame([{name: row.get(name) for name in columns} for row in rows])
     table = table.reindex(columns=list(columns))
     whole = ("memory_bytes", "workgroup_size", "sh_order", "probes", "surfels", "receivers")
-    for name in (*whole, "bounces", "reference_paths", "frames", "memory_budget_bytes"):
+    for name in (
+        *whole,
+        "bounces",
+        "reference_paths",
+        "frames",
+        "memory_budget_bytes",
+        "uncovered",
+    ):
         table[name] = table[name].astype("Int64")
     return table
 
@@ -45,6 +52,15 @@ def error_text(row: Mapping[str, Any] | pd.Series, metric: str) -> str:
     if abs(value - perfect) <= noise:
         return "none"
     return f"{100 * value:.2f} %" if metric in _AS_PERCENT else f"{value:.4g}"
+
+
+def cover_text(row: Mapping[str, Any] | pd.Series) -> str:
+    """What a technique has nothing to say of, in words; empty where there is no such receiver."""
+    if pd.isna(row["uncovered"]) or not row["uncovered"]:
+        return ""
+    count = f"{row['uncovered']:,} of {row['receivers']:,} receivers uncovered and counted as black"
+    bias = error_text(row, "bias_covered")
+    return f"{count}; bias over the others: {bias}" if bias else count
 
 
 def quality_report(table: pd.DataFrame, machine: str) -> str:
@@ -89,8 +105,8 @@ def show_quality(table: pd.DataFrame, machine: str) -> None:
             shown.add_row(*(escape(cell) for cell in _cells(row)[:-1]))
         out.print(shown)
         for _, row in group.drop_duplicates("result").iterrows():
-            if row["reason"]:
-                out.print(f"[yellow]{escape(str(row['result']))}[/]: {escape(str(row['reason']))}")
+            if said := _note(row):
+                out.print(f"[yellow]{escape(str(row['result']))}[/]: {escape(said)}")
         out.print(
             f"reference: mean standard error {100 * first['reference_error']:.2g} % of the mean; "
             f"none: not more than its noise; times measured on {escape(machine)}",
@@ -106,6 +122,10 @@ _MEANING = (
 )
 
 
+def _note(row: pd.Series) -> str:
+    return "; ".join(part for part in (str(row["reason"] or ""), cover_text(row)) if part)
+
+
 def _cells(row: pd.Series) -> list[str]:
     def figure(name: str, digits: int, scale: float = 1.0) -> str:
         return "" if pd.isna(row[name]) else f"{row[name] / scale:,.{digits}f}"
@@ -117,5 +137,5 @@ def _cells(row: pd.Series) -> list[str]:
         figure("time_ms", 2),
         figure("memory_bytes", 1, 2**20),
         "" if pd.isna(row["frames"]) else str(row["frames"]),
-        str(row["reason"] or "").replace("|", "\\|"),
+        _note(row).replace("|", "\\|"),
     ]

@@ -82,6 +82,15 @@ def errors(truth: Truth, result: Doubles, regions: Mapping[str, Mask]) -> dict[s
     return found
 
 
+def bias_of_covered(truth: Truth, result: Doubles, covered: Mask) -> Measure:
+    """The bias over the ``covered`` receivers (n,) alone, weighted by area."""
+    if not covered.any():
+        return _UNKNOWN
+    return metrics.bias(
+        result[covered], truth.value[covered], truth.stderr[covered], truth.area[covered]
+    )
+
+
 def _relative(x: Doubles, y: Doubles, s: Doubles, weights: Any = None) -> dict[str, Measure]:
     return {
         "bias": metrics.bias(x, y, s, weights),

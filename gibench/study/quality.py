@@ -20,7 +20,7 @@ from gibench.reference.metrics import Measure
 from gibench.reference.path_tracer import reference_irradiance
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
-from gibench.study.errors import METRICS, Truth, errors
+from gibench.study.errors import METRICS, Truth, bias_of_covered, errors
 from gibench.study.frozen import FrozenShared
 from gibench.study.receivers_file import read_reference
 from gibench.study.regions import WHOLE, Mask, read_regions
@@ -37,6 +37,7 @@ COLUMNS = (
     *("result", "variant", "profile", "workgroup_size", "sh_order", "probes", "surfels"),
     *("receivers", "camera", "light_frame", "bounces", "reference_paths", "reference_error"),
     *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
+    *("uncovered", "bias_covered", "bias_covered_noise"),
 )
 
 
@@ -239,9 +240,11 @@ def rows_of(
         "status": OK,
         "reason": "" if settled.settled else _unsettled(settled),
     }
-    return [
+    rows = [
         {**common, "region": region, **_figures(measures)} for region, measures in found.items()
     ]
+    rows[0] |= _cover(settled, group)
+    return rows
 
 
 def measure_of(row: dict[str, Any] | Any, metric: str) -> Measure:
@@ -290,6 +293,16 @@ def result_names(configurations: Sequence[Configuration]) -> dict[int, str]:
 def _figures(measures: dict[str, Measure]) -> dict[str, float]:
     values = {name: measures[name].value for name in METRICS}
     return values | {f"{name}_noise": measures[name].noise for name in METRICS}
+
+
+def _cover(settled: Settled, group: Group) -> dict[str, float]:
+    """How many receivers the technique says nothing of, and the bias over the others."""
+    measure = bias_of_covered(group.truth, settled.irradiance, settled.covered)
+    return {
+        "uncovered": int((~settled.covered).sum()),
+        "bias_covered": measure.value,
+        "bias_covered_noise": measure.noise,
+    }
 
 
 def _keys(

@@ -19,10 +19,11 @@ from gibench.measure.statistics import Summary, summarize
 from gibench.progress import progress
 from gibench.reference.lights import Doubles
 from gibench.scene.lightmap import Lightmap
-from gibench.techniques.technique import Technique
+from gibench.techniques.technique import KnowsItsCover, Technique
 
 FIRST_CHECK = 16
-"""Frames after which the indirect light is looked at first, and then whenever they double."""
+"""Frames after which the indirect light is looked at first, and then whenever they double; a
+camera's flight comes before them."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class Settled:
         result: counts, memory and notes.
         lightmap: the receivers.
         irradiance: (n, 3) of the last frame, W/m2.
+        covered: (n,) receivers the technique has anything to say of; the others it calls black.
         frames: run in all.
         settled: whether it stood still at the end.
         change: of the mean irradiance in the last doubling of frames, as a share.
@@ -61,6 +63,7 @@ class Settled:
     result: ConfigurationResult
     lightmap: Lightmap = field(repr=False)
     irradiance: Doubles = field(repr=False)
+    covered: npt.NDArray[np.bool_] = field(repr=False)
     frames: int
     settled: bool
     change: float
@@ -96,7 +99,7 @@ def settle(
         title = f"settling {configuration.label(scene.name)}"
         with progress(title, options.frames) as advance:
             frames, times = 0, []
-            watch = _Watch(options)
+            watch = _Watch(options, _next=loop.flight.frames + FIRST_CHECK)
             while frames < options.frames:
                 times.append(enqueue_frame(technique, prepared, frames).wall_ms)
                 frames += 1
@@ -106,12 +109,16 @@ def settle(
             result.memory_bytes = device.memory.peak_bytes
             result.counts, result.frames = dict(technique.counts()), frames
             irradiance = _irradiance(technique)
+            covered = np.ones(len(irradiance), bool)
+            if isinstance(technique, KnowsItsCover):
+                covered = technique.covered()
     finally:
         device.queue.finish()
     lightmap = shared.lightmap(configuration.scene, configuration.receivers or scene.receivers)
     warm = times[min(3, len(times) - 1) :][-options.timed :]
     return Settled(
-        *(result, lightmap, irradiance, frames, watch.settled, watch.change, summarize(warm))
+        *(result, lightmap, irradiance, covered),
+        *(frames, watch.settled, watch.change, summarize(warm)),
     )
 
 

@@ -27,12 +27,12 @@ class CameraPath:
     Attributes:
         positions: (k, 3) m, k at least 2.
         targets: (k, 3) m, the points looked at.
-        fov_degrees: least vertical field of view on the way; None for the camera's own.
+        fov_degrees: (k,) least vertical field of view; None for the camera's own.
     """
 
     positions: npt.NDArray[np.float64] = field(repr=False)
     targets: npt.NDArray[np.float64] = field(repr=False)
-    fov_degrees: float | None = None
+    fov_degrees: npt.NDArray[np.float64] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.positions.ndim != 2 or self.positions.shape[1] != 3 or len(self.positions) < 2:
@@ -63,7 +63,9 @@ class CameraPath:
         )
         x, y, z = position
         tx, ty, tz = target
-        fov = max(camera.fov_degrees, self.fov_degrees or 0.0)
+        fov = camera.fov_degrees
+        if self.fov_degrees is not None:
+            fov = max(fov, float(PchipInterpolator(times, self.fov_degrees)(share)))
         return replace(camera, position=(x, y, z), target=(tx, ty, tz), fov_degrees=fov)
 
 
@@ -75,7 +77,7 @@ def built_in_flight(scene: Scene, camera: Camera) -> CameraPath:
     return CameraPath(
         np.array([camera.position, *positions, camera.position]),
         np.array([camera.target, *targets, camera.target]),
-        FLIGHT_FOV,
+        np.array([camera.fov_degrees, *[FLIGHT_FOV] * len(positions), camera.fov_degrees]),
     )
 
 

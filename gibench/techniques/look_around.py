@@ -22,7 +22,7 @@ Marks = npt.NDArray[np.bool_]
 FLIGHT_FOV: Final = 90.0
 """Vertical field of view of the flight, degrees; from within a narrow one shows little. Ours."""
 # Ours: more change little in the built-in scenes.
-_SURFACE_POINTS, _POSITIONS, _DIRECTIONS, _MOST_VIEWS = 2048, 128, 12, 12
+_SURFACE_POINTS, _POSITIONS, _DIRECTIONS, _MOST_VIEWS = 2048, 128, 12, 24
 _LEAST_GAIN = 0.002  # a view that shows no more of the surface than this is not worth the way
 _LEAST_COSINE = 0.1  # seen at a flatter angle a surface covers hardly a pixel
 _MARGIN = 0.03  # from the scene's bounds, of its sides

@@ -134,3 +134,12 @@ class HasNotes(Protocol):
     def notes(self) -> list[str]:
         """Facts of this configuration that a reader of its figures must know, without full stop."""
         ...
+
+
+@runtime_checkable
+class KnowsItsCover(Protocol):
+    """A technique that may have nothing to say of a receiver, and calls it black."""
+
+    def covered(self) -> npt.NDArray[np.bool_]:
+        """Which receivers (n,) the last frame's ``indirect_irradiance`` speaks of."""
+        ...

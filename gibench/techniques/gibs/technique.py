@@ -209,6 +209,10 @@ class Gibs:
         """
         return self.gathered()[:, :3]
 
+    def covered(self) -> npt.NDArray[np.bool_]:
+        """Which receivers (n,) a surfel covers in the last frame."""
+        return np.asarray(self.gathered()[:, 3] > 0)
+
     def gathered(self) -> FloatArray:
         """Indirect irradiance, W/m2, and coverage (n, 4) at the receivers."""
         if self._receivers is None:
