@@ -19,7 +19,6 @@ sys.path.insert(0, str(SCRIPTS))
 from cases import BAKES, FRAMES, OTHERS, Case
 from recording import all_kernels
 
-
 CASES = [*BAKES, *FRAMES, *OTHERS]
 
 
