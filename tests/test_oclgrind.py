@@ -69,4 +69,4 @@ def test_nothing_is_found(tmp_path: Path, cache: Path, case: Case) -> None:
     folder = tmp_path if case.what == "bake" else cache
     ran, log = under_oclgrind(tmp_path, "run_case.py", *arguments(folder, case))
     assert log == ""
-    assert len(ran) >= 2
+    assert ran
