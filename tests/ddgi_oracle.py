@@ -24,7 +24,9 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # -- running -----------------------------------------------------------------------------------
 
 
-def create(scene, settings, variant="tuned", size=64, lightmap=None, image=(24, 16), **device):
+def create(
+    scene, settings, variant="tuned", size=64, lightmap=None, image=(24, 16), flight=None, **device
+):
     """The technique on a fresh device; ``settings`` by name."""
     chosen = SPEC.settings(settings)
     if lightmap is None:
@@ -32,8 +34,9 @@ def create(scene, settings, variant="tuned", size=64, lightmap=None, image=(24, 
     volume = SPEC.bake(BakeContext(scene, lightmap, chosen, Path()))
     camera = scene.cameras[0]
     opened = open_device(**device)
+    sizes = (variant, size, *image)
     return Ddgi(
-        CreateContext(opened, scene, lightmap, chosen, volume, variant, size, *image, camera)
+        CreateContext(opened, scene, lightmap, chosen, volume, *sizes, camera, flight=flight)
     )
 
 

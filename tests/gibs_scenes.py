@@ -9,6 +9,7 @@ from gibench.profiles import load_profile
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
 from gibench.scene.model import Camera, Material, PointLight, Scene
 from gibench.scene.shapes import cube
+from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.gibs import SPEC
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.registry import TUNED, CreateContext
@@ -82,9 +83,15 @@ def no_receivers():
 
 def gibs(scene, variant=TUNED, size=64, width=64, height=48, seed=3, profile=None, **settings):
     """The technique on a device of its own."""
+    flown = FlightOptions(
+        settings.pop("camera_path", "rest"),
+        settings.pop("rest_frames", 60),
+        settings.pop("flight_frames", 240),
+    ).of(scene, scene.cameras[0])
     profile = profile or replace(load_profile("vega56"), simd_width=1, max_workgroup_size=4096)
+    sizes = (variant, size, width, height)
     context = CreateContext(Device(profile), scene, no_receivers(), SPEC.settings(settings), None,
-                            variant, size, width, height, scene.cameras[0], seed)  # fmt: skip
+                            *sizes, scene.cameras[0], seed, flown)  # fmt: skip
     return SPEC.create(context)
 
 

@@ -152,7 +152,7 @@ def test_scrolling_follows_the_camera():
     frames(technique, 3)
     before = state_of(technique)
     assert (before.state == USABLE).all()
-    technique.move_camera(Camera((0.45, 1.2, 0.0), (0.45, 1.2, -1.0), 70.0))
+    technique.look_from(Camera((0.45, 1.2, 0.0), (0.45, 1.2, -1.0), 70.0))
     technique.begin_frame(3)
     after = state_of(technique)
     kept = (before.grid == after.grid).all(axis=1)

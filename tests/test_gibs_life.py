@@ -61,13 +61,14 @@ def test_every_visible_pixel_is_covered_at_rest(grid):
         furnished(), placement_chance=0.5, radius_share=0.05, grid=grid, grid_cells=16, width=96,
         height=64, surfels=4000,
     )  # fmt: skip
-    frames = Frames(technique).run(240)
+    # A tile places one surfel a frame at most, half of the time, and needs about 60.
+    frames = Frames(technique).run(330)
     assert technique.life()["free"] > 0
-    for _ in range(5):
+    for _ in range(20):
         frames.run()
         covered = technique.coverage()
-        assert np.nanmin(covered) > 0.5
-    assert np.nanmean(covered < 1) < 0.01
+        # The threshold is 1; coverage is rounded to 1/4096 before it is compared.
+        assert np.nanmin(covered) >= 1 - 0.5 / 4096
     assert np.count_nonzero(np.isfinite(covered)) == covered.size  # the room is closed
     assert np.nanmean(covered) < 4  # and not strewn with surfels
     assert technique.life()["dropped"] == 0

@@ -1,16 +1,13 @@
-"""What GIBS refuses, in one clear line; camera paths; memory in closed form."""
+"""What GIBS refuses, in one clear line; memory in closed form."""
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from gibs_scenes import Frames, furnished, gibs
 
 from gibench.errors import BadInput, CannotRun
 from gibench.profiles import load_profile
-from gibench.scene.model import Camera
 from gibench.techniques.gibs import SPEC, GibsSettings
-from gibench.techniques.gibs.camera_path import CameraPath, built_in_flight, camera_in
 from gibench.techniques.registry import PUBLISHED, TUNED, find_technique
 
 
@@ -36,7 +33,6 @@ def test_it_is_found_by_name():
         ("placement_chance", 1.5),
         ("recycle_chance", -0.1),
         ("recycle_pressure_from", 1.0),
-        ("flight_frames", 0),
     ],
 )
 def test_a_wrong_setting_is_refused_by_name(name, value):
@@ -52,57 +48,6 @@ def test_more_surfels_than_the_budget_holds():
     with pytest.raises(CannotRun, match="1,000,000 surfels") as error:
         gibs(furnished(), profile=profile, surfels=1_000_000)
     assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "what"),
-    [
-        ("positions = [[0, 0, 0]]\ntargets = [[1, 0, 0]]", "1 point"),
-        ("positions = [[0, 0, 0], [1, 1, 1]]\ntargets = [[1, 0, 0]]", "1 targets"),
-        ("positions = [[0, 0], [1, 1]]\ntargets = [[1, 0], [1, 0]]", "point"),
-        ("positions = [[0, 0, 0], [1, 1, 1]]", "without targets"),
-        ("positions = 'left'\ntargets = 'right'", "not lists"),
-        ("positions = [", "no camera path"),
-        ("positions = [[0, 0, nan], [1, 1, 1]]\ntargets = [[1, 0, 0], [1, 0, 0]]", "not finite"),
-    ],
-)
-def test_a_file_that_is_no_camera_path(tmp_path, text, what):
-    path = tmp_path / "path.toml"
-    path.write_text(text)
-    with pytest.raises(BadInput, match=what) as error:
-        gibs(furnished(), camera_path=str(path), surfels=100)
-    assert str(path) in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_a_camera_path_that_is_not_there():
-    with pytest.raises(BadInput, match="no camera path"):
-        gibs(furnished(), camera_path="nowhere.toml", surfels=100)
-
-
-def test_a_camera_path_goes_through_its_keyframes_and_comes_back_to_rest():
-    camera = Camera((9, 9, 9), (0, 0, 0), fov_degrees=33)
-    keys = np.array([[0, 0, 0], [1, 2, 3], [4, 2, 1.0]])
-    path = CameraPath(keys, keys + 1)
-    seen = [camera_in(frame, camera, path, 10, 21) for frame in range(40)]
-    assert all(one == camera for one in seen[:10] + seen[31:])
-    for key, frame in zip(keys, (10, 20, 30), strict=True):
-        np.testing.assert_allclose(seen[frame].position, key, atol=1e-12)
-        np.testing.assert_allclose(seen[frame].target, key + 1, atol=1e-12)
-        assert seen[frame].fov_degrees == 33
-    between = np.array([one.position for one in seen[10:31]])
-    assert np.all(between >= keys.min(0)) and np.all(between <= keys.max(0))
-
-
-def test_the_built_in_flight_stays_inside():
-    scene = furnished()
-    path = built_in_flight(scene, scene.cameras[0])
-    low, high = scene.bounds
-    for share in np.linspace(0, 1, 100):
-        camera = path.at(float(share), scene.cameras[0])
-        assert np.all(np.array(camera.position) > low)
-        assert np.all(np.array(camera.position) < high)
-        assert np.linalg.norm(np.subtract(camera.target, camera.position)) > 0.1
 
 
 @pytest.mark.parametrize("variant", [PUBLISHED, TUNED])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gibench.cli import options
+from gibench.cli import flight, options
 from gibench.errors import CannotRun, CheckFailed, GibenchError, Interrupted
 
 if TYPE_CHECKING:
@@ -59,6 +59,9 @@ def run(
     ] = False,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
+    camera_path: flight.CameraPathChoice = "rest",
+    rest_frames: flight.RestFrames = 60,
+    flight_frames: flight.FlightFrames = 240,
     fit: Annotated[
         bool,
         typer.Option(
@@ -106,6 +109,8 @@ def run(
       gibench run --variant published --variant tuned --workgroup-size 64 --workgroup-size 256
 
       gibench run --device-profile iphone7 --scene hall --receivers 200000 --fit --save-images
+
+      gibench run --technique gibs --technique ddgi --camera-path flight
     """
     from dataclasses import replace
 
@@ -116,10 +121,9 @@ def run(
     from gibench.measure.record import begin_record, finish_record
     from gibench.measure.roofs import measure_roofs
     from gibench.measure.run_folder import RunFolder, default_folder
-    from gibench.measure.setup import LoopOptions
+    from gibench.measure.setup import LoopOptions, check_configuration
     from gibench.measure.shared import Shared
     from gibench.measure.stopping import Plan
-    from gibench.measure.view import choose_camera
 
     # Everything that can be wrong is found before anything long.
     width, height = options.resolution(resolution)
@@ -131,11 +135,12 @@ def run(
     configurations = grid(profiles, specs, asked)
     cache = options.cache_folder(cache_dir)
     cl_device = select_cl_device(device)
-    plan = Plan(frames=frames, warmup=warmup)
-    loop = LoopOptions(plan, width, height, camera, fit, seed)
+    flown = flight.flight(camera_path, rest_frames, flight_frames)
+    plan = Plan(frames=frames or flown.frames or None, warmup=warmup)
+    loop = LoopOptions(plan, width, height, camera, fit, seed, flown)
     shared = Shared(cache, seed)
-    for name in asked.scenes:
-        choose_camera(shared.scene(name), camera)
+    for configuration in configurations:
+        check_configuration(configuration, loop, shared)
     arguments = _arguments(locals())
     folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
 
@@ -232,9 +237,10 @@ def _arguments(given: dict[str, Any]) -> dict[str, Any]:
     names = (
         *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
         *("workgroup_size", "settings", "frames", "warmup", "cold", "resolution", "camera", "fit"),
-        *("save_images", "seed", "device"),
+        *("save_images", "seed", "device", "camera_path", "rest_frames", "flight_frames"),
     )
     arguments = {name: given[name] for name in names}
     for name in ("device_profile", "scene"):
         arguments[name] = [Path(value).name for value in arguments[name]]
+    arguments["camera_path"] = Path(arguments["camera_path"]).name
     return arguments

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,6 +15,8 @@ from gibench.techniques.registry import CreateContext, TechniqueSpec
 
 FEWEST_RECEIVERS = 64
 """What --fit goes down to."""
+
+RECEIVERS = "--receivers"
 
 _NO_LIMIT = 1 << 62
 _MARGIN = 0.97  # receivers come in whole clusters and rows: a little less than in proportion
@@ -61,7 +64,9 @@ class Footprint:
         if asked <= there:
             return
         most = self.most_receivers(receivers)
-        mend = "no number of receivers fits: lower --probes, --sh-order or --resolution"
+        mend = f"lower {_lower(self.spec)}"
+        if has_receivers(self.spec):
+            mend = f"no number of receivers fits: {mend}"
         if most:
             mend = f"--receivers {most} may fit (or pass --fit)"
         raise CannotRun(
@@ -105,8 +110,8 @@ class Demand:
         self, spec: TechniqueSpec, scene: Scene, profile: DeviceProfile, receivers: int
     ) -> CannotRun:
         """The error that says the bytes asked, the bytes there, and what would fit."""
-        fewer = self.receivers_that_fit(profile, receivers)
-        mend = "lower --receivers, --probes, --sh-order or --resolution"
+        fewer = self.receivers_that_fit(profile, receivers) if has_receivers(spec) else 0
+        mend = f"lower {_any_of(spec.memory_options)}"
         if fewer >= FEWEST_RECEIVERS:
             mend = f"about --receivers {fewer} would fit (or pass --fit)"
         return CannotRun(
@@ -115,6 +120,20 @@ class Demand:
             f"{profile.memory_budget_bytes:,} and allows {profile.max_buffer_bytes:,} in one",
             mend=mend,
         )
+
+
+def has_receivers(spec: TechniqueSpec) -> bool:
+    """Whether fewer receivers take less of the device's memory."""
+    return RECEIVERS in spec.memory_options
+
+
+def _lower(spec: TechniqueSpec) -> str:
+    return _any_of([option for option in spec.memory_options if option != RECEIVERS])
+
+
+def _any_of(options: Sequence[str]) -> str:
+    """``a, b or c``."""
+    return " or ".join(filter(None, (", ".join(options[:-1]), options[-1])))
 
 
 def measure_demand(spec: TechniqueSpec, context: CreateContext) -> Demand | None:

@@ -19,10 +19,9 @@ from gibench.measure.enqueue import FrameTimes, PreparedPass, enqueue_frame, pre
 from gibench.measure.environment import without_paths
 from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult, PassResult
 from gibench.measure.run_folder import RunFolder
-from gibench.measure.setup import LoopOptions, set_up
+from gibench.measure.setup import LoopOptions, check_configuration, set_up
 from gibench.measure.shared import Shared
 from gibench.measure.tune import prepare_chosen, tune
-from gibench.measure.view import choose_camera
 from gibench.progress import progress
 from gibench.techniques.technique import Technique
 
@@ -129,14 +128,12 @@ def run_configurations(
         flush: is called before every frame, where caches are to be cold.
 
     Raises:
-        BadInput: a scene or its camera is wrong, told before anything long.
+        BadInput: a scene, its camera or settings for it are wrong, told before anything long.
         GibenchError: not even the head of the samples can be written.
     """
     names = {}
     for configuration in configurations:
-        scene = shared.scene(configuration.scene)
-        choose_camera(scene, options.camera)
-        names[configuration.scene] = scene.name
+        names[configuration.scene] = check_configuration(configuration, options, shared).name
     outcome = Outcome([])
     folder.start_samples()
     rng = np.random.default_rng(options.seed)

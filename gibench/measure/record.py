@@ -36,6 +36,7 @@ def begin_record(
         "seed": options.seed,
         "image": {"width": options.width, "height": options.height},
         "plan": asdict(options.plan),
+        "flight": {**asdict(options.flight), "path": Path(options.flight.path).name},
         "cold": cold.record() if cold else None,
         "versions": versions(),
         "environment": environment(),

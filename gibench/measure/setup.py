@@ -8,11 +8,14 @@ from typing import Any
 
 from gibench.device import Device
 from gibench.errors import CannotRun
-from gibench.measure.fit import FEWEST_RECEIVERS, Footprint, measure_demand
+from gibench.measure.configuration import Configuration
+from gibench.measure.fit import FEWEST_RECEIVERS, Footprint, has_receivers, measure_demand
 from gibench.measure.results import ConfigurationResult
 from gibench.measure.shared import Shared
 from gibench.measure.stopping import Plan
 from gibench.measure.view import choose_camera
+from gibench.scene.model import Scene
+from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.registry import CreateContext
 from gibench.techniques.technique import HasNotes, Technique
 
@@ -28,6 +31,7 @@ class LoopOptions:
         camera: number or name; None for the scene's first.
         fit: lower the receivers until a configuration fits its profile.
         seed: of every random choice.
+        flight: that drives the camera of every technique.
         kernel_root: another kernel tree than the installed one.
     """
 
@@ -37,7 +41,22 @@ class LoopOptions:
     camera: str | None = None
     fit: bool = False
     seed: int = 0
+    flight: FlightOptions = field(default_factory=FlightOptions)
     kernel_root: Traversable | None = None
+
+
+def check_configuration(
+    configuration: Configuration, options: LoopOptions, shared: Shared
+) -> Scene:
+    """Find what is wrong with a configuration before anything long; its scene.
+
+    Raises:
+        BadInput: its scene, camera or camera path is wrong, or the settings do not suit the scene.
+    """
+    scene = shared.scene(configuration.scene)
+    options.flight.of(scene, choose_camera(scene, options.camera))
+    configuration.spec.check(scene, configuration.settings)
+    return scene
 
 
 def set_up(
@@ -54,6 +73,7 @@ def set_up(
     spec, settings, profile = configuration.spec, configuration.settings, configuration.profile
     scene = shared.scene(configuration.scene)
     camera = choose_camera(scene, options.camera)
+    flight = options.flight.of(scene, camera)
     result.camera = camera.name
     asked = receivers = configuration.receivers or scene.receivers
     result.receivers_asked = asked
@@ -75,13 +95,16 @@ def set_up(
             height=options.height,
             camera=camera,
             seed=options.seed,
+            flight=flight,
         )
         try:
             technique = spec.create(context)
             break
         except CannotRun as error:
             demand = measure_demand(spec, context)
-            fewer = demand.receivers_that_fit(profile, receivers) if demand else 0
+            fewer = 0
+            if demand is not None and has_receivers(spec):
+                fewer = demand.receivers_that_fit(profile, receivers)
             if not options.fit or fewer < FEWEST_RECEIVERS:
                 raise demand.refusal(spec, scene, profile, receivers) if demand else error from None
             receivers = fewer

@@ -14,6 +14,7 @@ from gibench.measure.compare import RowKey, Timings
 from gibench.measure.lockstep import FRAME
 from gibench.measure.run_folder import RECORD
 from gibench.measure.run_record import StoredRun, read_run
+from gibench.techniques.camera_path import REST
 
 _MEND = "give a run's folder, a folder of such folders, or a JSON file of pytest-benchmark"
 
@@ -103,6 +104,7 @@ def _identity(record: Mapping[str, Any]) -> dict[str, Any]:
         "OpenCL variables": environment.get("variables"),
         "image size": record.get("image"),
         "seed": record["seed"],
+        "camera's flight": _flight(record),
     }
     for profile in record["profiles"]:
         identity[f"profile {profile['name']}"] = profile.get("content_hash")
@@ -111,6 +113,12 @@ def _identity(record: Mapping[str, Any]) -> dict[str, Any]:
     for entry in record["configurations"]:
         identity[f"settings of {configuration_label(entry)}"] = entry.get("settings")
     return identity
+
+
+def _flight(record: Mapping[str, Any]) -> Any:
+    """None where the camera rests, as it does in every run from before there were flights."""
+    flight = record.get("flight") or {"path": REST}
+    return None if flight["path"] == REST else flight
 
 
 def _of_benchmark(file: Path, name: str) -> Timings:

@@ -195,6 +195,13 @@ def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:
     lines = []
     if record["arguments"]["save_images"]:
         lines.append(f"Images beneath `images/`: {METHOD}.")
+    flight = record.get("flight")
+    if flight and flight["path"] != "rest":
+        lines.append(
+            f"The camera flew: {flight['rest_frames']} frames at rest, "
+            f"{flight['flight_frames']} along the path '{flight['path']}', then at rest again; the "
+            "same frame is the same view for every technique."
+        )
     for scene in record["scenes"]:
         lines.append(
             f"{scene['name']}: {scene['triangles']:,} triangles, content "

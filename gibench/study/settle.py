@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -91,7 +92,7 @@ def settle(
     device, technique = set_up(result, loop, shared, cl_device)
     try:
         prepared = prepare_passes(technique, configuration.workgroup_size)
-        _refuse_missing(prepared)
+        refuse_missing(prepared)
         title = f"settling {configuration.label(scene.name)}"
         with progress(title, options.frames) as advance:
             frames, times = 0, []
@@ -144,7 +145,13 @@ class _Watch:
         return self.settled
 
 
-def _refuse_missing(prepared: list[PreparedPass]) -> None:
+def refuse_missing(prepared: Sequence[PreparedPass]) -> None:
+    """Refuse a frame without all its passes.
+
+    Raises:
+        CannotRun: the profile or device forbids one.
+        GibenchError: one failed.
+    """
     for item in prepared:
         if item.status != "ok":
             kind = CannotRun if item.status == SKIPPED else GibenchError

@@ -38,7 +38,12 @@ class Direct:
         self._workgroup_size = context.workgroup_size
         self._packets = context.variant == TUNED and suits_packets(context.device)
         self.scene = FrameScene(
-            context.device, context.scene, context.width, context.height, context.camera
+            context.device,
+            context.scene,
+            context.width,
+            context.height,
+            context.camera,
+            flight=context.flight,
         )
 
     @property
@@ -51,7 +56,7 @@ class Direct:
         return [forward_render(self.scene, packets=self._packets)]
 
     def begin_frame(self, frame: int) -> None:
-        """Move the lights."""
+        """Move lights and camera."""
         self.scene.begin_frame(frame)
 
     def images(self) -> dict[str, FloatArray]:
@@ -87,4 +92,5 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Direct,
     memory_floor=_memory_floor,
+    memory_options=("--resolution",),
 )

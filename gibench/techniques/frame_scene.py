@@ -24,6 +24,7 @@ from gibench.scene.model import (
     Scene,
     SpotLight,
 )
+from gibench.techniques.camera_path import Flight
 from gibench.techniques.technique import Argument
 
 LIGHT_FLOATS = 12  # kernels_cl/common/lights.cl
@@ -130,8 +131,12 @@ class FrameScene:
         scene: the scene.
         width: of the image, pixels.
         height: of the image, pixels.
-        camera: the view.
+        camera: the view, at rest.
         bvh: the scene's tree, where it is already built.
+        flight: that takes the camera along; None where it rests.
+
+    Attributes:
+        camera: the view of the frame last begun.
 
     Raises:
         CannotRun: it does not fit the device's profile.
@@ -145,8 +150,11 @@ class FrameScene:
         height: int,
         camera: Camera,
         bvh: Bvh | None = None,
+        flight: Flight | None = None,
     ) -> None:
         self.device, self.scene = device, scene
+        self.camera = self._resting = camera
+        self._flight = flight
         self.width, self.height = width, height
         self.bvh = build_bvh(scene.corners) if bvh is None else bvh
         tree = DeviceBvh.upload(device, self.bvh)
@@ -173,8 +181,8 @@ class FrameScene:
         )
         self._lights = device.upload("lights", light_table(scene.lights_at(0)))
         self.light_args: tuple[Argument, ...] = (self._lights, np.int32(len(scene.lights)))
-        view = device.upload("camera", camera_table(camera, width, height))
-        self.camera_args: tuple[Argument, ...] = (view, np.int32(width), np.int32(height))
+        self._view = device.upload("camera", camera_table(camera, width, height))
+        self.camera_args: tuple[Argument, ...] = (self._view, np.int32(width), np.int32(height))
         self.image = device.empty("image", (height, width, 3), np.float32)
 
     @property
@@ -183,8 +191,20 @@ class FrameScene:
         return frame_scene_bytes(self.scene, self.width, self.height, self.bvh)
 
     def begin_frame(self, frame: int) -> None:
-        """Move the lights to where they are in ``frame``."""
+        """Move lights and camera to where they are in ``frame``."""
         self.device.write(self._lights, light_table(self.scene.lights_at(frame)))
+        if self._flight is not None:
+            self._see(self._flight.camera_in(frame, self._resting))
+
+    def look_from(self, camera: Camera) -> None:
+        """See the scene from ``camera`` wherever there is no flight."""
+        self._resting = camera
+        self._see(camera)
+
+    def _see(self, camera: Camera) -> None:
+        if camera != self.camera:
+            self.camera = camera
+            self.device.write(self._view, camera_table(camera, self.width, self.height))
 
 
 def border_texels(lightmap: Lightmap) -> Ints:

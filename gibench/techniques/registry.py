@@ -13,6 +13,7 @@ from gibench.device import Device
 from gibench.errors import BadInput
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
+from gibench.techniques.camera_path import Flight
 from gibench.techniques.technique import Technique
 
 PUBLISHED = "published"
@@ -54,6 +55,7 @@ class CreateContext:
         height: of the camera image, pixels.
         camera: the view.
         seed: of every random choice.
+        flight: that the camera takes; None where it rests.
     """
 
     device: Device
@@ -67,6 +69,7 @@ class CreateContext:
     height: int
     camera: Camera
     seed: int = 0
+    flight: Flight | None = None
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,9 @@ class TechniqueSpec:
             (scene, number of receivers, settings, image width, image height).
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
+        check: refuses settings that do not suit a scene (BadInput), told before anything long.
+        memory_options: what on the command line lowers its memory, for messages; its receivers
+            are on the device only where ``--receivers`` is among them.
     """
 
     name: str
@@ -96,6 +102,8 @@ class TechniqueSpec:
     create: Callable[[CreateContext], Technique]
     memory_floor: Callable[[Scene, int, Any, int, int], int]
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = field(default=lambda scene: {})
+    check: Callable[[Scene, Any], None] = field(default=lambda scene, settings: None)
+    memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
     def settings(self, values: Mapping[str, Any]) -> Any:
         """The settings with ``values`` set.

@@ -1,7 +1,7 @@
 // The irradiance pass: rays shared out, traced, and taken in by the estimators.
 //
-// Built with CAPACITY, ENTRIES, PUBLISHED, VEC, the grid's macros, and DEPTH (depth moments) and
-// GUIDING (ray guiding), 0 or 1.
+// Built with CAPACITY, ENTRIES, PUBLISHED, VEC, the grid's macros, DEPTH (depth moments), GUIDING
+// (ray guiding) and FLOORED (estimator), 0 or 1.
 #include "common/bvh.cl"
 #include "common/environment.cl"
 #include "common/lights.cl"
@@ -20,8 +20,12 @@
 #define MOST_INCONSISTENT 4.0f
 #define REQUEST_UNITS 256.0f
 
-// Chance that guiding leaves the choice of direction to the cosine, so that none is left out; ours.
-#define GUIDE_UNIFORM 0.25f
+// Chance that guiding leaves the choice of direction to the cosine, so that none is left out and no
+// ray weighs more than twice; ours.
+#define GUIDE_UNIFORM 0.5f
+// Rays, by the cosine, before a surfel's guide guides: a texel that no ray has been sent to is no
+// dark one, and the guide would send three quarters of the rays to the first bright texel; ours.
+#define GUIDE_FIRST_RAYS 64.0f
 // Weight of a new sample in the guide and, once they have had many, in the depth moments; ours.
 #define GUIDE_RATE 0.1f
 #define MOMENT_RATE 0.05f
@@ -72,11 +76,12 @@ __kernel void assign_rays(__global const uint *frame, __global const uint *befor
 
 #if GUIDING
 // A texel of the guide with chance P = GUIDE_UNIFORM / 16 + (1 - GUIDE_UNIFORM) g / sum(g).
+// A guide that knows too little gives all texels the same chance.
 // *u is rescaled to what is left of it; returns 16 P.
-inline float guide_texel(__global const float *guide, float *u, int *texel)
+inline float guide_texel(__global const float *guide, bool knows, float *u, int *texel)
 {
     float sum = 0.0f;
-    for (int i = 0; i < HEMISPHERE_TEXELS; ++i)
+    for (int i = 0; knows && i < HEMISPHERE_TEXELS; ++i)
         sum += guide[i];
     const float scale = sum > 0.0f ? (1.0f - GUIDE_UNIFORM) / sum : 0.0f;
     const float floor_chance = (sum > 0.0f ? GUIDE_UNIFORM : 1.0f) / HEMISPHERE_TEXELS;
@@ -101,8 +106,8 @@ inline float guide_texel(__global const float *guide, float *u, int *texel)
 // the direction is under-represented, and its texel.
 __kernel void trace_rays(__global const uint *frame, __global const uint *alive_ids,
                          __global const uint *births, __global const uint *ray_first,
-                         __global const uint *ray_owner, __global const float *guides, BVH_PARAMS,
-                         SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS, GATHER_PARAMS,
+                         __global const uint *ray_owner, __global const float *estimator,
+                         __global const float *guides, BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS, GATHER_PARAMS,
                          __global float4 *ray_light, __global float2 *ray_choice)
 {
     const uint ray = get_global_id(0);
@@ -117,7 +122,8 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
     float factor = 1.0f;
 #if GUIDING
     int texel;
-    factor = 1.0f / guide_texel(guides + (size_t)id * HEMISPHERE_TEXELS, &across, &texel);
+    const bool knows = estimator[ROW_RAYS * CAPACITY + id] >= GUIDE_FIRST_RAYS;
+    factor = 1.0f / guide_texel(guides + (size_t)id * HEMISPHERE_TEXELS, knows, &across, &texel);
     // `across` chose the texel and what is left of it serves within it.
     const float2 square =
         ((float2)(texel % HEMISPHERE_SIDE, texel / HEMISPHERE_SIDE) + (float2)(across, up)) *

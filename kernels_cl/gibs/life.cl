@@ -1,6 +1,6 @@
 // Coverage, placement and recycling: how surfels come and go (paper 004, sections 3.1.1 and 4.5).
 //
-// Built with CAPACITY, ENTRIES, PUBLISHED, VEC, DEPTH, GUIDING and the grid's macros.
+// Built with CAPACITY, ENTRIES, PUBLISHED, VEC, DEPTH, GUIDING, FLOORED and the grid's macros.
 // IDs that are free lie on a stack, free_ids[0] to free_ids[counters[COUNT_FREE] - 1]; alive_ids
 // lists the others. Both change by prefix sums over the tiles and the surfels instead of by an
 // atomic per surfel, so that the same seed gives the same IDs.

@@ -57,6 +57,22 @@ typedef short stored_t; // the bits of a half
 #endif
 #endif
 
+// Fetch the BYTES that lie STREAM_AHEAD behind a pointer into a matrix that is read once from start
+// to end, into the second cache level and not the first: there the stream would throw out what is
+// used again. x86 prefetchers stop at every 4 KiB page and leave the arithmetic, which 16-bit values
+// keep as busy as the memory, waiting. One core of Zen 4, Sponza's sizes, fp16: projection 3.3 ms
+// without, 2.3 ms with, 3.5 ms into the first level; fp32 gains nothing. A hint: what lies behind
+// the matrix's end is not touched.
+#if STORAGE != STORAGE_FP32 && defined(__x86_64__) && defined(__clang__)
+#define STREAM_AHEAD 16384
+#define CACHE_LINE 64
+#define FETCH_AHEAD(p, BYTES)                                                     \
+    _Pragma("unroll") for (int line = 0; line < (int)(BYTES); line += CACHE_LINE) \
+        __builtin_prefetch((__global const char *)(p) + STREAM_AHEAD + line, 0, 2);
+#else
+#define FETCH_AHEAD(p, BYTES)
+#endif
+
 // Sum of all lanes, pairwise.
 inline float lane_sum(vfloat v)
 {

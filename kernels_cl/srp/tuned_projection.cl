@@ -19,6 +19,7 @@
             __global const float *light = lambda + (size_t)probe[p] * 3 * STRIDE;            \
             _Pragma("unroll") for (int v = 0; v < VECTORS; ++v)                              \
             {                                                                                \
+                FETCH_AHEAD(value, COUNT * VEC * sizeof(stored_t))                               \
                 const vfloat red = float_vector(v, light);                                       \
                 const vfloat green = float_vector(v, light + STRIDE);                            \
                 const vfloat blue = float_vector(v, light + 2 * STRIDE);                         \

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from gibench.errors import BadInput
 from gibench.study.experiments import (
+    convergence,
     frame_times,
     interpolation,
     probe_density,
+    ray_budget,
     receiver_reduction,
     scaling,
     sh_order,
@@ -22,6 +24,8 @@ EXPERIMENTS = {
         scaling.EXPERIMENT,
         receiver_reduction.EXPERIMENT,
         interpolation.EXPERIMENT,
+        ray_budget.EXPERIMENT,
+        convergence.EXPERIMENT,
     )
 }
 

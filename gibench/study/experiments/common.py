@@ -23,7 +23,7 @@ from gibench.progress import progress
 from gibench.study.frozen import FrozenShared
 from gibench.study.quality import QualityOptions
 from gibench.study.rows import Rows
-from gibench.study.settle import SettleOptions
+from gibench.study.settle import SettleOptions, refuse_missing
 from gibench.techniques.registry import find_technique
 
 STATUS = ("status", "reason")
@@ -107,13 +107,27 @@ class Context:
         )
         return grid([profile], [find_technique("srp")], request)[0]
 
+    def of(
+        self,
+        technique: str,
+        scene: str,
+        profile: DeviceProfile,
+        receivers: int | None = None,
+        **settings: str,
+    ) -> Configuration:
+        """``technique`` with these settings, as typed on the command line."""
+        request = Request(
+            scenes=(scene,),
+            receivers=() if receivers is None else (receivers,),
+            settings={technique: settings},
+        )
+        return grid([profile], [find_technique(technique)], request)[0]
+
     def direct(
         self, scene: str, profile: DeviceProfile, receivers: int | None = None
     ) -> Configuration:
         """Direct light only."""
-        of = () if receivers is None else (receivers,)
-        request = Request(scenes=(scene,), receivers=of)
-        return grid([profile], [find_technique("direct")], request)[0]
+        return self.of("direct", scene, profile, receivers)
 
 
 @dataclass(frozen=True)
@@ -268,10 +282,7 @@ def timed(
     device, technique = set_up(result, context.loop(own), shared, context.cl_device)
     try:
         prepared = prepare_passes(technique, configuration.workgroup_size)
-        for item in prepared:
-            if item.status != "ok":
-                kind = CannotRun if item.status == SKIPPED else GibenchError
-                raise kind(f"{item.name}: {item.problem}")
+        refuse_missing(prepared)
         warmup, count = (1, 3) if context.quick else (5, context.frames)
         times = [enqueue_frame(technique, prepared, f).wall_ms for f in range(warmup + count)]
     finally:

@@ -18,6 +18,10 @@ def _bake(context: BakeContext) -> Volume:
     return make_volume(context.scene, context.settings)
 
 
+def _check(scene: Scene, settings: DdgiSettings) -> None:
+    make_volume(scene, settings)
+
+
 def _memory_floor(
     scene: Scene, receivers: int, settings: DdgiSettings, width: int, height: int
 ) -> int:
@@ -41,4 +45,6 @@ SPEC = TechniqueSpec(
     create=Ddgi,
     memory_floor=_memory_floor,
     sweep=_sweep,
+    check=_check,
+    memory_options=("--probes", "--set ddgi.rays", "--resolution"),
 )

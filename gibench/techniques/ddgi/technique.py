@@ -7,14 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from gibench.device import Buffer
 from gibench.scene.model import Camera
 from gibench.techniques.ddgi.blending import Blending, Published, Tuned, lanes_of
 from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume
-from gibench.techniques.frame_scene import FrameScene, camera_table
+from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.registry import TUNED, CreateContext
 from gibench.techniques.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, rendered
@@ -43,9 +42,13 @@ class Ddgi:
         device = context.device
         self.device = device
         self._context, self._settings = context, settings
-        self._camera = context.camera
         self.scene = FrameScene(
-            device, context.scene, context.width, context.height, context.camera
+            device,
+            context.scene,
+            context.width,
+            context.height,
+            context.camera,
+            flight=context.flight,
         )
         self.probes = Probes.create(device, settings, volume, context.seed)
         tuned = context.variant == TUNED
@@ -68,18 +71,15 @@ class Ddgi:
         return self._passes.passes()
 
     def begin_frame(self, frame: int) -> None:
-        """Move the lights, turn the rays, scroll the volume if it does."""
+        """Move lights and camera, turn the rays, scroll the volume if it does."""
         self.scene.begin_frame(frame)
         self.probes.begin_frame(frame)
         if self._settings.scrolling:
-            self.probes.scroll_to(self._camera.position)
+            self.probes.scroll_to(self.scene.camera.position)
 
-    def move_camera(self, camera: Camera) -> None:
-        """Look through ``camera`` from the next frame on; a scrolling volume follows."""
-        self._camera = camera
-        view = self.scene.camera_args[0]
-        assert isinstance(view, Buffer)
-        self.device.write(view, camera_table(camera, self.scene.width, self.scene.height))
+    def look_from(self, camera: Camera) -> None:
+        """See the scene from ``camera`` wherever there is no flight; a scrolling volume follows."""
+        self.scene.look_from(camera)
 
     def images(self) -> dict[str, FloatArray]:
         """The frame, its direct and its indirect part, and the probes, (h, w, 3) W/m2/sr."""

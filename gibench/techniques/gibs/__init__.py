@@ -34,5 +34,6 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Gibs,
     memory_floor=_memory_floor,
+    memory_options=("--set gibs.surfels", "--resolution"),
     sweep=lambda scene: {"rays_per_surfel": (1.0, 4.0)},
 )

@@ -12,7 +12,7 @@ from gibench.device import Buffer, Device, Program
 from gibench.scene.model import Scene
 from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.gibs.grid import SurfelGrid
-from gibench.techniques.gibs.settings import GibsSettings
+from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.technique import Argument, Launch, LocalMemory, Work
@@ -119,6 +119,7 @@ class FramePasses:
             "VEC": width if width in _WIDTHS else 4,
             "DEPTH": self.settings.depth_moments,
             "GUIDING": self.settings.ray_guiding,
+            "FLOORED": self.settings.estimator == FLOORED,
         }
 
     @property
@@ -176,6 +177,7 @@ class FramePasses:
             s.births,
             s.ray_first,
             s.ray_owner,
+            s.estimator,
             s.guides,
             *self.scene.bvh_args,
             *self.scene.surface_args,

@@ -10,8 +10,8 @@ from gibench.errors import BadInput
 
 UNIFORM: Final = "uniform"
 PERSPECTIVE: Final = "perspective"
-REST: Final = "rest"
-FLIGHT: Final = "flight"
+MULTI_SCALE: Final = "multi-scale"
+FLOORED: Final = "floored"
 
 
 def _setting(default: Any, meaning: str, unit: str = "") -> Any:
@@ -49,6 +49,11 @@ class GibsSettings:
     normal_stretch: float = _setting(
         4.0, "how much further a step off the surfel's plane counts; more leaks less"
     )
+    estimator: str = _setting(
+        FLOORED,
+        "floored (right on average), or multi-scale (thesis; steadier, but too dark where few rays "
+        "bring most of the light)",
+    )
     depth_moments: bool = _setting(True, "depth test against leaks; costs memory and time")
     ray_guiding: bool = _setting(False, "more rays where light came from; costs memory")
     placement_threshold: float = _setting(1.0, "place where coverage is less")
@@ -62,14 +67,9 @@ class GibsSettings:
     )
     recycle_pressure_from: float = _setting(0.7, "share of IDs taken from which recycling begins")
     recycle_coverage: float = _setting(6.0, "coverage beyond which a surfel is one too many")
-    camera_path: str = _setting(
-        REST, "rest, flight (built in for every scene), or a TOML file of positions and targets"
-    )
-    rest_frames: int = _setting(60, "frames at rest before the flight", "frames")
-    flight_frames: int = _setting(240, "frames of the flight; after it the camera rests", "frames")
 
     def __post_init__(self) -> None:
-        for name in ("surfels", "ray_budget", "grid_cells", "entries_per_surfel", "flight_frames"):
+        for name in ("surfels", "ray_budget", "grid_cells", "entries_per_surfel"):
             self._require(name, getattr(self, name) >= 1, "at least 1")
         for name in (
             "rays_per_surfel",
@@ -81,7 +81,6 @@ class GibsSettings:
             "recycle_coverage",
         ):
             self._require(name, getattr(self, name) > 0, "greater than 0")
-        self._require("rest_frames", self.rest_frames >= 0, "at least 0")
         self._require("normal_stretch", self.normal_stretch >= 1, "at least 1")
         self._require("grid_cells", self.grid_cells <= 512, "at most 512")
         self._require("grid_cells", self.grid_cells >= 2, "at least 2")
@@ -93,6 +92,11 @@ class GibsSettings:
         )
         self._require(
             "grid", self.grid in (UNIFORM, PERSPECTIVE), f"'{UNIFORM}' or '{PERSPECTIVE}'"
+        )
+        self._require(
+            "estimator",
+            self.estimator in (FLOORED, MULTI_SCALE),
+            f"'{FLOORED}' or '{MULTI_SCALE}'",
         )
         if self.grid == PERSPECTIVE:
             # 64 across are 2 million cells.

@@ -15,7 +15,7 @@ from gibench.techniques.gibs.settings import GibsSettings
 FRAME_WORDS = 10  # kernels_cl/gibs/frame.cl
 COUNT_WORDS = 5
 COUNT_ALIVE, COUNT_FREE, COUNT_PLACED, COUNT_RECYCLED = range(4)
-ESTIMATOR_ROWS = 11  # kernels_cl/gibs/estimator.cl
+ESTIMATOR_ROWS = 12  # kernels_cl/gibs/estimator.cl
 MOMENT_FLOATS = 48  # kernels_cl/gibs/depth.cl
 GUIDE_FLOATS = 16
 
@@ -36,7 +36,7 @@ class Surfels:
 
     Attributes:
         geometry: what sorting works on.
-        estimator: (11, n) float32 multi-scale mean estimators (kernels_cl/gibs/estimator.cl);
+        estimator: (12, n) float32 multi-scale mean estimators (kernels_cl/gibs/estimator.cl);
             ``geometry.mean`` is the same buffer.
         inverses: (objects, 12) float32 world to object.
         births: (n,) uint32 a number for each surfel's random choices.

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from gibench.device import Buffer
 from gibench.errors import BadInput, CannotRun
 from gibench.scene.model import Camera, Scene
-from gibench.techniques.frame_scene import FrameScene, camera_table, frame_scene_bytes
-from gibench.techniques.gibs.camera_path import camera_in, camera_path
+from gibench.techniques.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.gibs.grid import (
     NEIGHBOURS,
     Grid,
@@ -55,7 +54,6 @@ class Gibs:
         context: what it is created from.
 
     Raises:
-        BadInput: the camera path is not one.
         CannotRun: scene or surfels do not fit the device's profile.
     """
 
@@ -65,14 +63,17 @@ class Gibs:
         settings: GibsSettings = context.settings
         self._context, self.settings, self.device = context, settings, context.device
         scene, size = context.scene, context.workgroup_size
-        self._path = camera_path(settings.camera_path, scene, context.camera)
-        self._camera = context.camera
         published = context.variant == PUBLISHED
         self._refuse_too_many(published)
         grid = grid_of(scene, settings)
         objects = len(np.unique(scene.object_ids))
         self.scene = FrameScene(
-            context.device, scene, context.width, context.height, context.camera
+            context.device,
+            scene,
+            context.width,
+            context.height,
+            context.camera,
+            flight=context.flight,
         )
         self.surfels = Surfels.create(context.device, settings, objects, size)
         entries = entries_of(settings, published)
@@ -161,22 +162,16 @@ class Gibs:
     def begin_frame(self, frame: int) -> None:
         """Move lights and camera, and tell the device what the frame is."""
         self.scene.begin_frame(frame)
-        settings = self.settings
-        camera = camera_in(
-            frame, self._camera, self._path, settings.rest_frames, settings.flight_frames
-        )
-        view = self.scene.camera_args[0]
-        assert isinstance(view, Buffer)
-        self.device.write(view, camera_table(camera, self.scene.width, self.scene.height))
+        camera = self.scene.camera
         self.device.write(self.grid.table, self.grid.grid.table(camera.position))
         self._alive = int(self.device.read(self.surfels.counters)[COUNT_ALIVE])
-        self._rays = rays_in_frame(settings, self._alive)
+        self._rays = rays_in_frame(self.settings, self._alive)
         self._number += 1
         self.device.write(self.surfels.geometry.frame, self._frame_words(camera))
 
     def look_from(self, camera: Camera) -> None:
-        """See the scene from ``camera`` from the next frame on, wherever there is no flight."""
-        self._camera = camera
+        """See the scene from ``camera`` wherever there is no flight."""
+        self.scene.look_from(camera)
 
     def move_object(self, number: int, transform: npt.NDArray[np.floating]) -> None:
         """Put an object's surfels elsewhere: they move with it from the next frame on.

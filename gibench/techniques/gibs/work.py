@@ -56,8 +56,8 @@ def frame_work(sizes: FrameSizes) -> dict[str, Work]:
         ),
         "irradiance": Work(
             flops=rays * _ESTIMATOR_FLOPS,
-            bytes_read=n * (4 * 20 + record),
-            bytes_written=n * (4 * 11),
+            bytes_read=n * (4 * 21 + record),
+            bytes_written=n * (4 * 12),
             rays=rays,
         ),
         "gbuffer": Work(bytes_written=pixels * 4 * 15, rays=pixels),

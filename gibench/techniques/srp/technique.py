@@ -43,7 +43,12 @@ class Srp:
         self.device = device
         self._context, self._settings, self._bake = context, settings, bake
         self.scene = FrameScene(
-            device, context.scene, context.width, context.height, context.camera
+            device,
+            context.scene,
+            context.width,
+            context.height,
+            context.camera,
+            flight=context.flight,
         )
         self.receivers = FrameLightmap.upload(device, context.lightmap)
         self.indirect = self.receivers.new_map("indirect")
@@ -87,7 +92,7 @@ class Srp:
         ]
 
     def begin_frame(self, frame: int) -> None:
-        """Move the lights and choose the probes to update."""
+        """Move lights and camera and choose the probes to update."""
         self.scene.begin_frame(frame)
         self.turns.begin_frame(frame)
 
@@ -111,7 +116,7 @@ class Srp:
         }
         images["probes"] = probe_view(
             images["frame"],
-            self._context.camera,
+            self.scene.camera,
             self._context.scene,
             self._bake.probes.positions,
             self.variant.probe_radiance(),

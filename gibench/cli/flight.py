@@ -1,0 +1,59 @@
+"""The options of the camera's flight."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gibench.cli.options import OUTPUT
+
+if TYPE_CHECKING:
+    from gibench.techniques.camera_path import FlightOptions
+
+CameraPathChoice = Annotated[
+    str,
+    typer.Option(
+        "--camera-path",
+        metavar="rest|flight|FILE",
+        help="What the camera of every technique does: [bold]rest[/]; [bold]flight[/], a round "
+        "through the scene and back to rest; or a TOML file of positions and targets. Without "
+        "--frames, the whole flight is measured.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+RestFrames = Annotated[
+    int,
+    typer.Option(
+        "--rest-frames",
+        min=0,
+        metavar="N",
+        help="Frames, warm-up included, before the flight.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+FlightFrames = Annotated[
+    int,
+    typer.Option(
+        "--flight-frames",
+        min=1,
+        metavar="N",
+        help="Frames that the flight takes.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+
+
+def flight(camera_path: str, rest_frames: int, flight_frames: int) -> FlightOptions:
+    """The flight asked for.
+
+    Raises:
+        BadInput: its file holds none.
+    """
+    from pathlib import Path
+
+    from gibench.techniques.camera_path import FLIGHT, REST, FlightOptions, load_camera_path
+
+    if camera_path not in (REST, FLIGHT):
+        load_camera_path(Path(camera_path))  # told before anything long
+    return FlightOptions(camera_path, rest_frames, flight_frames)

@@ -1,0 +1,278 @@
+"""How long a technique takes to follow a light that is switched (paper 004, sections 5.1 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gibench.measure.configuration import Configuration
+from gibench.measure.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.results import ConfigurationResult
+from gibench.measure.setup import set_up
+from gibench.measure.shared import Shared
+from gibench.measure.view import choose_camera
+from gibench.profiles import DeviceProfile
+from gibench.progress import progress
+from gibench.reference.lights import Doubles, luminance
+from gibench.report.plots import Axes, Series, plot
+from gibench.study.experiments.common import Context, Experiment, Point, markdown
+from gibench.study.rows import Rows
+from gibench.study.settle import refuse_missing
+from gibench.study.switched import SwitchedShared
+from gibench.study.through_camera import view
+
+_IMAGE = (640, 360)
+_COMPARED = (160, 90)  # pixels of the images that are compared; all after a switch are held at once
+_RECEIVERS = 20_000
+# No frame's time depends on them but through the vectors kept, and no speed of convergence at all.
+_TRANSPORT_RAYS = "256"
+
+NEAR = 0.05
+"""Of the settled image: what counts as arrived."""
+_DRIFT = 0.01  # of the settled mean: what the last two quarters may differ by
+
+_SWITCHES = {"off to on": (0.0, 1.0), "on to a quarter": (1.0, 0.25)}
+_SETTINGS: tuple[tuple[str, str, Mapping[str, str]], ...] = (
+    ("srp", "all probes every frame", {}),
+    ("srp", "a quarter of the probes every frame", {"probe_update_fraction": "0.25"}),
+    ("ddgi", "hysteresis 0.97", {}),
+    ("ddgi", "hysteresis 0.90", {"hysteresis": "0.9"}),
+    ("gibs", "1 ray a surfel", {}),
+    ("gibs", "4 rays a surfel", {"rays_per_surfel": "4"}),
+)
+_KEYS = ("scene", "switch", "technique", "setting", "profile")
+_SAMPLE = ("frame", "time_ms", "distance", "mean_distance")
+_COLUMNS = (
+    "frames",
+    "ms",
+    "mean_frames",
+    "mean_ms",
+    "frame_ms",
+    "noise",
+    "settled",
+    "memory_bytes",
+)
+
+
+@dataclass(frozen=True)
+class _Lengths:
+    """Frames before the switch, in which the old light settles, and after it."""
+
+    before: int
+    after: int
+
+
+def _lengths(context: Context) -> _Lengths:
+    return _Lengths(6, 16) if context.quick else _Lengths(4 * context.frames, 8 * context.frames)
+
+
+def _configuration(
+    context: Context,
+    scene: str,
+    profile: DeviceProfile,
+    technique: str,
+    settings: Mapping[str, str],
+) -> Configuration:
+    receivers = 500 if context.quick else _RECEIVERS
+    if technique == "srp":
+        settings = {"transport_rays": _TRANSPORT_RAYS, **context.transport, **settings}
+    return context.of(technique, scene, profile, receivers, **settings)
+
+
+def _points(context: Context) -> Iterator[Point]:
+    samples = Rows.at(
+        context.folder.path / "convergence-samples.csv", _KEYS, (*_SAMPLE, "memory_bytes")
+    )
+    for name in context.scene_or("atrium"):
+        for switch, (before, after) in _SWITCHES.items():
+            shared = SwitchedShared(
+                context.cache,
+                context.seed,
+                switch_frame=_lengths(context).before,
+                before=before,
+                after=after,
+            )
+            scene = shared.scene(name).name
+            for profile in context.profiles:
+                for technique, setting, settings in _SETTINGS:
+                    values = (scene, switch, technique, setting, profile.name)
+                    key = dict(zip(_KEYS, values, strict=True))
+                    configuration = _configuration(context, name, profile, technique, settings)
+
+                    def measure(
+                        key: Mapping[str, Any] = key,
+                        configuration: Configuration = configuration,
+                        shared: Shared = shared,
+                    ) -> list[dict[str, Any]]:
+                        if not samples.done(key):
+                            found = _run(context, configuration, shared, " ".join(key.values()))
+                            samples.add([{**key, **row} for row in found])
+                        table = samples.table()
+                        mine = table[(table[list(key)] == pd.Series(dict(key))).all(axis=1)]
+                        return [row_of(mine)]
+
+                    yield Point(key, measure)
+
+
+def _run(
+    context: Context, configuration: Configuration, shared: Shared, title: str
+) -> list[dict[str, Any]]:
+    """Every frame after the switch: its time, and how far its image is from the settled one.
+
+    Raises:
+        CannotRun: the profile or budget forbids it.
+        GibenchError: a pass failed.
+    """
+    lengths, loop = _lengths(context), context.loop(_IMAGE)
+    scene = shared.scene(configuration.scene)
+    result = ConfigurationResult(configuration, scene.name)
+    device, technique = set_up(result, loop, shared, context.cl_device)
+    lightmap = shared.lightmap(configuration.scene, configuration.receivers or scene.receivers)
+    seen = view(scene, lightmap, choose_camera(scene, loop.camera), *_COMPARED)
+    images, times = [], []
+    with progress(title, lengths.before + lengths.after) as advance:
+        try:
+            prepared = prepare_passes(technique, configuration.workgroup_size)
+            refuse_missing(prepared)
+            for frame in range(lengths.before + lengths.after):
+                wall_ms = enqueue_frame(technique, prepared, frame).wall_ms
+                if frame >= lengths.before:
+                    image = seen.of(technique.indirect_irradiance())
+                    images.append(image[seen.seen].astype(np.float32))
+                    times.append(wall_ms)
+                advance(1)
+        finally:
+            device.queue.finish()
+    distance, mean = distances(np.array(images))
+    return [
+        {
+            "frame": number,
+            "time_ms": ms,
+            "distance": float(distance[number - 1]),
+            "mean_distance": float(mean[number - 1]),
+            "memory_bytes": device.memory.peak_bytes,
+        }
+        for number, ms in enumerate(times, 1)
+    ]
+
+
+def distances(images: Any) -> tuple[Doubles, Doubles]:
+    """How far every image is from the settled one, the mean of the last quarter.
+
+    Args:
+        images: (frames, pixels, 3) indirect irradiance, W/m2.
+
+    Returns:
+        Relative L2 distance (frames,), and the mean luminance's signed relative difference
+        (frames,); nan where the settled image is black.
+    """
+    settled = images[-(len(images) // 4) :].mean(axis=0, dtype=np.float64)
+    size, mean = np.sqrt((settled**2).sum()), luminance(settled).mean()
+    if not size > 0:
+        return np.full(len(images), np.nan), np.full(len(images), np.nan)
+    off = np.array([np.sqrt(((image - settled) ** 2).sum()) for image in images])
+    return off / size, np.array([luminance(image).mean() for image in images]) / mean - 1
+
+
+def arrival(distance: Any) -> int | None:
+    """Frames until ``distance`` is at most ``NEAR`` and stays so to the end; 1 is at once, None is
+    never.
+    """
+    far = np.flatnonzero(~(np.asarray(distance) <= NEAR))
+    frames = 1 if not far.size else int(far[-1]) + 2
+    return frames if frames <= len(distance) else None
+
+
+def row_of(samples: pd.DataFrame) -> dict[str, Any]:
+    """What the frames after one switch come down to (rows of ``convergence-samples.csv``)."""
+    samples = samples.sort_values("frame")
+    times, distance = samples["time_ms"].to_numpy(), samples["distance"].to_numpy()
+    mean = samples["mean_distance"].to_numpy()
+    quarter = len(samples) // 4
+    noise = float(np.median(distance[-quarter:]))
+    drift = float(np.median(mean[-2 * quarter : -quarter]))
+    settled = abs(drift) <= _DRIFT
+    frames = arrival(distance) if settled else None
+    mean_frames = arrival(np.abs(mean)) if settled else None
+    said = "yes" if settled else f"no: still moving by {abs(drift):.1%}"
+    if settled and frames is None:
+        said = f"but for noise of {noise:.1%}"
+    elapsed = np.cumsum(times)
+    return {
+        "frames": frames,
+        "ms": None if frames is None else float(elapsed[frames - 1]),
+        "mean_frames": mean_frames,
+        "mean_ms": None if mean_frames is None else float(elapsed[mean_frames - 1]),
+        "frame_ms": float(np.median(times)),
+        "noise": noise,
+        "settled": said,
+        "memory_bytes": int(samples["memory_bytes"].iloc[-1]),
+    }
+
+
+def _axes(samples: pd.DataFrame, against_time: bool) -> Sequence[Axes]:
+    found = []
+    for (scene, switch), group in samples.groupby(["scene", "switch"], sort=False):
+        series = []
+        for (technique, setting, profile), one in group.groupby(list(_KEYS[2:]), sort=False):
+            ordered = one.sort_values("frame")
+            x = ordered["time_ms"].cumsum() if against_time else ordered["frame"]
+            several = len(group["profile"].unique()) > 1
+            label = f"{technique}, {setting}" + (f", {profile}" if several else "")
+            series.append(Series(label, x.tolist(), ordered["distance"].tolist()))
+        unit = "ms after the switch" if against_time else "frames after the switch"
+        level = (NEAR, f"{NEAR:.0%}")
+        title = f"{scene}: {switch}"
+        found.append(Axes(title, unit, "distance, share", series, log_y=True, level=level))
+    return found
+
+
+def _present(context: Context, table: pd.DataFrame) -> str:
+    ok = table[table["status"] == "ok"]
+    path, (width, height) = context.folder.path, _COMPARED
+    samples = pd.read_csv(path / "convergence-samples.csv")
+    image, lengths = context.loop(_IMAGE), _lengths(context)
+    caption = f"Image {image.width} x {image.height}. Times of this machine."
+    plot(path / "convergence", _axes(samples, against_time=False), caption)
+    plot(path / "convergence-ms", _axes(samples, against_time=True), caption)
+    formats = dict.fromkeys(("ms", "mean_ms", "frame_ms"), ".1f")
+    formats |= {"noise": ".2%", "memory_bytes": ",.0f"}
+    formats |= dict.fromkeys(("frames", "mean_frames"), ".0f")
+    return "\n\n".join(
+        (
+            f"All lights but what glows and the environment change at once after {lengths.before} "
+            f"frames; {lengths.after} frames follow. *distance* is the relative L2 distance of the "
+            f"camera's image of indirect irradiance ({width} x {height}, through the lightmap, so "
+            "that it is the same pixels for every technique) from the settled image, the mean of "
+            f"the last quarter. *frames* and *ms* count until it is within {NEAR:.0%} and stays "
+            "there, 1 frame being at once; *mean frames* and *mean ms* do so for the image's mean "
+            "luminance, which a technique's own noise hardly moves. *noise* is the median distance "
+            "of the last quarter itself. Times are sums of the frames' times by the host's clock.",
+            markdown(ok[[*_KEYS, *_COLUMNS]].rename(columns=lambda n: n.replace("_", " ")),
+                     {name.replace("_", " "): form for name, form in formats.items()}),
+            "![against frames](convergence.png)",
+            "![against time](convergence-ms.png)",
+            "Each technique is judged by its own settled image: this says how soon it gets there, "
+            "not how right it is (`gibench quality` does). "
+            f"SRP's transport is baked with {_TRANSPORT_RAYS} rays per receiver, "
+            f"{_RECEIVERS:,} receivers.",
+            "The paper calls both techniques' convergence similar by the eye and prints no figures "
+            "for it.",
+        )
+    )  # fmt: skip
+
+
+EXPERIMENT = Experiment(
+    name="convergence",
+    title="Frames and milliseconds until a switched light has settled",
+    source="sections 5.1 and 6 of Ekberg 2022 (paper 004), which have it in words only",
+    profiles=("vega56",),
+    keys=_KEYS,
+    columns=_COLUMNS,
+    points=_points,
+    present=_present,
+)

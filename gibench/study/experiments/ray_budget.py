@@ -1,0 +1,327 @@
+"""GIBS against DDGI at equal ray budgets, at rest and after a flight (paper 004, chapter 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import pandas as pd
+
+from gibench.measure.configuration import Configuration
+from gibench.measure.enqueue import PreparedPass, enqueue_frame, prepare_pass, prepare_passes
+from gibench.measure.results import ConfigurationResult
+from gibench.measure.setup import set_up
+from gibench.measure.shared import Shared
+from gibench.profiles import DeviceProfile
+from gibench.progress import progress
+from gibench.report.images import ImageWriter
+from gibench.report.plots import bars
+from gibench.study.experiments.common import (
+    Context,
+    Experiment,
+    Point,
+    markdown,
+    published,
+    published_section,
+)
+from gibench.study.rows import Rows
+from gibench.study.settle import refuse_missing
+from gibench.techniques.camera_path import FLIGHT, FlightOptions
+from gibench.techniques.ddgi import Ddgi
+from gibench.techniques.gibs import Gibs
+from gibench.techniques.shared_passes import forward_render
+from gibench.techniques.technique import Technique
+
+_IMAGE = (1920, 1080)
+_RAYS_PER_PROBE = (25, 50, 100)
+AT_REST, MOVED = "at rest", "after the flight"
+
+RAYS, APPLICATION, REST, CAMERA = "ray_casting_ms", "application_ms", "rest_ms", "camera_ms"
+TOTAL, FRAME = "total_ms", "frame_ms"
+_FRAME: Final = "(frame)"  # the host's time, among the samples of passes
+_CAMERA: Final = "(camera)"  # DDGI's primary rays and direct light once more, alone
+# The thesis's columns. What is not named is 'rest'; the camera's own image is in none of them.
+_COLUMN_OF: Mapping[str, Mapping[str, str]] = {
+    "ddgi": {
+        "probe_trace": RAYS,
+        "probe_shade": RAYS,
+        "application": APPLICATION,
+        _CAMERA: CAMERA,
+        _FRAME: FRAME,
+    },
+    "gibs": {"irradiance": RAYS, "application": APPLICATION, "gbuffer": CAMERA, _FRAME: FRAME},
+}
+_TIMES = (RAYS, APPLICATION, REST, TOTAL, CAMERA, FRAME)
+_SAMPLE = ("when", "frame", "pass", "time_ms", "surfels", "probes", "rays", "memory_bytes")
+_KEYS = ("scene", "technique", "budget", "profile")
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """Of the thesis (section 5.1), or small ones.
+
+    Attributes:
+        counts: DDGI's probes along x, y and z.
+        surfels: room for GIBS's.
+        settle: frames at rest before any is timed.
+        flight: frames of the flight.
+        timed: frames timed at rest, and again after the flight.
+    """
+
+    counts: tuple[int, int, int] = (20, 10, 10)
+    surfels: int = 50_000
+    settle: int = 120
+    flight: int = 240
+    timed: int = 30
+
+    @property
+    def probes(self) -> int:
+        """DDGI's probes."""
+        x, y, z = self.counts
+        return x * y * z
+
+    @property
+    def flown(self) -> FlightOptions:
+        """The camera's flight, which begins when the frames at rest have been timed."""
+        return FlightOptions(FLIGHT, self.settle + self.timed, self.flight)
+
+
+def _sizes(context: Context) -> _Sizes:
+    if context.quick:
+        return _Sizes((4, 3, 3), 900, settle=3, flight=5, timed=3)
+    return _Sizes(settle=4 * context.frames, flight=8 * context.frames, timed=context.frames)
+
+
+def _configuration(
+    context: Context, scene: str, profile: DeviceProfile, technique: str, budget: int
+) -> Configuration:
+    sizes = _sizes(context)
+    if technique == "ddgi":
+        # Every ray is blended, as 25 a probe leave none to spare: nothing moves the probes.
+        settings = {
+            "counts": "x".join(str(n) for n in sizes.counts),
+            "rays": str(budget // sizes.probes),
+            "relocation": "false",
+            "classification": "false",
+        }
+    else:
+        # As small as that many to cover Sponza; none is taken back, as in the thesis (chapter 4).
+        settings = {
+            "surfels": str(sizes.surfels),
+            "radius_share": "0.02",
+            "recycle_chance": "0",
+            "ray_budget": str(budget),
+            "rays_per_surfel": str(budget / sizes.surfels),
+        }
+    receivers = 1000 if context.quick else None
+    return context.of(technique, scene, profile, receivers, **settings)
+
+
+def _points(context: Context) -> Iterator[Point]:
+    shared, sizes = context.standing(), _sizes(context)
+    samples = Rows.at(context.folder.path / "ray-budget-samples.csv", _KEYS, _SAMPLE)
+    writer = ImageWriter(context.folder.path / "images")
+    for name in context.scene_or("atrium"):
+        scene = shared.scene(name).name
+        for profile in context.profiles:
+            for rays in _RAYS_PER_PROBE:
+                budget = rays * sizes.probes
+                for technique in ("ddgi", "gibs"):
+                    key = dict(zip(_KEYS, (scene, technique, budget, profile.name), strict=True))
+                    configuration = _configuration(context, name, profile, technique, budget)
+
+                    def measure(
+                        key: Mapping[str, Any] = key, configuration: Configuration = configuration
+                    ) -> list[dict[str, Any]]:
+                        if not samples.done(key):
+                            found = _run(context, configuration, shared, key, writer)
+                            samples.add([{**key, **row} for row in found])
+                        return rows_of(samples.table(), key)
+
+                    yield Point(key, measure)
+
+
+def _run(
+    context: Context,
+    configuration: Configuration,
+    shared: Shared,
+    key: Mapping[str, Any],
+    writer: ImageWriter,
+) -> list[dict[str, Any]]:
+    """Samples at rest and after the flight.
+
+    Raises:
+        CannotRun: the profile or budget forbids it.
+        GibenchError: a pass failed.
+    """
+    sizes = _sizes(context)
+    loop = replace(context.loop(_IMAGE), flight=sizes.flown)
+    result = ConfigurationResult(configuration, str(key["scene"]))
+    device, technique = set_up(result, loop, shared, context.cl_device)
+    samples: list[dict[str, Any]] = []
+    frames = sizes.flown.frames + sizes.timed
+    label = f"{key['technique']} {key['budget']}"
+    with progress(f"{label} rays a frame", frames) as advance:
+        try:
+            prepared = prepare_passes(technique, configuration.workgroup_size)
+            camera = _camera(technique, configuration.workgroup_size)
+            refuse_missing(prepared if camera is None else [*prepared, camera])
+            for frame in range(frames):
+                times = enqueue_frame(technique, prepared, frame)
+                when = _when(frame, sizes)
+                if when is not None:
+                    passes = {**times.pass_ms, _FRAME: times.wall_ms}
+                    if camera is not None:
+                        passes[_CAMERA] = _alone_ms(technique, camera)
+                    facts = {
+                        "when": when,
+                        "frame": frame,
+                        **_sizes_now(technique),
+                        "memory_bytes": device.memory.peak_bytes,
+                    }
+                    samples += [{**facts, "pass": n, "time_ms": ms} for n, ms in passes.items()]
+                    if when != _when(frame + 1, sizes):
+                        images = technique.images()
+                        shown = {title: images[title] for title in ("frame", "indirect only")}
+                        writer.write(str(key["scene"]), f"{label} {when}", shown)
+                advance(1)
+        finally:
+            device.queue.finish()
+    return samples
+
+
+def _when(frame: int, sizes: _Sizes) -> str | None:
+    """What ``frame`` is timed for, if anything."""
+    if sizes.settle <= frame < sizes.settle + sizes.timed:
+        return AT_REST
+    return MOVED if sizes.flown.frames <= frame < sizes.flown.frames + sizes.timed else None
+
+
+def _camera(technique: Technique, workgroup_size: int) -> PreparedPass | None:
+    """DDGI's application finds what the camera sees itself; that alone, to tell the two apart."""
+    if not isinstance(technique, Ddgi):
+        return None
+    return prepare_pass(technique.device, forward_render(technique.scene), workgroup_size)
+
+
+def _alone_ms(technique: Technique, item: PreparedPass) -> float:
+    events = [launch.enqueue(technique.device.queue) for launch in item.launches]
+    technique.device.queue.finish()
+    return float(sum(event.profile.end - event.profile.start for event in events) * 1e-6)
+
+
+def _sizes_now(technique: Technique) -> dict[str, int]:
+    """Surfels, probes and the rays of the frame just run."""
+    counts = technique.counts()
+    if isinstance(technique, Gibs):
+        (irradiance,) = [item for item in technique.passes() if item.name == "irradiance"]
+        return {"surfels": counts["surfels"], "rays": int(irradiance.work.rays)}
+    return {"probes": counts["probes"], "rays": counts["rays"]}
+
+
+def rows_of(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The medians of the samples of ``key``: a row at rest and one after the flight.
+
+    Args:
+        samples: one pass, one frame, one time (``ray-budget-samples.csv``).
+        key: values of the key columns.
+    """
+    mine = samples[(samples[list(key)] == pd.Series(dict(key))).all(axis=1)]
+    columns = _COLUMN_OF[str(key["technique"])]
+    mine = mine.assign(column=[columns.get(name, REST) for name in mine["pass"]])
+    rows = []
+    for when, group in mine.groupby("when", sort=False):
+        frames = group.pivot_table(index="frame", columns="column", values="time_ms", aggfunc="sum")
+        if key["technique"] == "ddgi":
+            frames[APPLICATION] -= frames[CAMERA]
+        frames[TOTAL] = frames[RAYS] + frames[APPLICATION] + frames[REST]
+        last = group.iloc[-1]
+        rows.append(
+            {
+                "when": when,
+                **{name: last[name] for name in ("surfels", "probes")},
+                "rays": float(group.groupby("frame")["rays"].first().median()),
+                **{name: float(frames[name].median()) for name in _TIMES},
+                "frames": len(frames),
+                "memory_bytes": int(last["memory_bytes"]),
+            }
+        )
+    return rows
+
+
+def theirs() -> pd.DataFrame:
+    """The thesis's table in its columns; blank where the figure was not available to us."""
+    table = published("frame_times")
+    table = table[table["source"].str.startswith("Surfel thesis")]
+    wide = table.pivot_table(
+        index=["source", "where", "technique", "scene", "device"],
+        columns="pass",
+        values="time_ms",
+        sort=False,
+    ).reset_index()
+    wide = wide.rename(columns={"frame": "total"})
+    wide.columns.name = None
+    return wide[[name for name in wide.columns if name != "total"] + ["total"]]
+
+
+def _present(context: Context, table: pd.DataFrame) -> str:
+    ok = table[table["status"] == "ok"]
+    sizes = _sizes(context)
+    several = len(ok[["scene", "profile"]].drop_duplicates()) > 1
+    groups = {}
+    for row in ok.to_dict("records"):
+        where = f"\n{row['scene']}, {row['profile']}" if several else ""
+        title = f"{row['technique']} {row['budget'] / 1000:g}k\n{row['when']}{where}"
+        groups[title] = {name[:-3].replace("_", " "): row[name] for name in _TIMES[:4]}
+    width, height = (context.loop(_IMAGE).width, context.loop(_IMAGE).height)
+    bars(
+        context.folder.path / "ray-budget",
+        groups,
+        "median, ms",
+        f"Image {width} x {height}. Times of this machine, not of the thesis's.",
+    )
+    whole = ["surfels", "probes", "rays", "frames", "memory_bytes"]
+    shown = ok[[*_KEYS, "when", *whole[:3], *_TIMES, *whole[3:]]]
+    formats = {**dict.fromkeys(_TIMES, ".2f"), **dict.fromkeys(whole, ",.0f")}
+    return "\n\n".join(
+        (
+            f"DDGI with {'x'.join(str(n) for n in sizes.counts)} probes casts the whole budget in "
+            f"every frame, no probe being moved or switched off. GIBS has room for "
+            f"{sizes.surfels:,} surfels and casts budget / {sizes.surfels:,} rays for each that is "
+            "alive, so that it stays below the budget until the camera has been everywhere; once "
+            "placed they stay, as in the thesis, but grow with their distance from the camera, "
+            "where the thesis's are of one size. Lights "
+            f"stand still; the image is {width} x {height}; {sizes.settle} frames at rest before "
+            f"the first that is timed, and a flight of {sizes.flight} between the two times.",
+            "*ray casting* is `probe_trace` and `probe_shade`, or `irradiance` (with the surfels' "
+            "estimator, which the thesis's kernel holds too); *application* is the light on every "
+            "pixel; *rest* is every other pass but *camera*: primary rays and direct light, which "
+            "the thesis does not count either. DDGI's `application` does both in one pass: the "
+            "camera's part, run once more alone after the same frame, is taken off. *frame* is all "
+            "of it by the host's clock. Each column is a median of its own over the frames in "
+            "`ray-budget-samples.csv`, so they add up only nearly.",
+            markdown(shown.rename(columns=_heading), {_heading(n): f for n, f in formats.items()}),
+            "![ray budget](ray-budget.png)",
+            "The last timed frame of each is beneath `images/`.",
+            published_section(theirs()),
+            "A blank was not available to us. Their device traces rays in hardware, ours does "
+            "not: compare the shares of a row, not its times.",
+        )
+    )
+
+
+def _heading(name: str) -> str:
+    return name[:-3].replace("_", " ") + ", ms" if name in _TIMES else name.replace("_", " ")
+
+
+EXPERIMENT = Experiment(
+    name="ray-budget",
+    title="DDGI and GIBS at equal ray budgets, at rest and after a flight",
+    source="section 5.2 of Ekberg 2022 (paper 004)",
+    profiles=("vega56",),
+    keys=_KEYS,
+    columns=("when", "surfels", "probes", "rays", *_TIMES, "frames", "memory_bytes"),
+    points=_points,
+    present=_present,
+)
