@@ -64,6 +64,12 @@ def randomise(technique, rng, states=(0, 1, 2, 3)):
     device.write(probes.distance, bordered(np.stack([mean, square], axis=-1)))
 
 
+SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
+# 30 probes in blocks of 16 lanes leave lanes empty; 13 and 41 rays fill no list of four.
+SMALL = {"counts": "5x3x2", "rays": 54, "fixed_rays": 13, "irradiance_texels": 5,
+         "distance_texels": 7, "random_backface_threshold": 0.3}  # fmt: skip
+
+
 @dataclass
 class State:
     """What is on the device, as float64."""

@@ -22,6 +22,7 @@ class FakeSettings:
     floor_per_receiver: int = 0
     scale: float = 0.5
     flag: bool = False
+    counted: bool = False
     fault: str | None = None
     fault_frame: int = 2
 
@@ -61,9 +62,16 @@ class Fake:
             return [Launch(program, "roof_read", arguments, items=FLOATS // 16, workgroup_size=32)]
 
         stream = Work(flops=2 * FLOATS, bytes_read=8 * FLOATS, bytes_written=4 * FLOATS)
-        return [Pass("triad", triad, stream), Pass("read", read, Work(bytes_read=4 * FLOATS))]
+        least = Work(bytes_read=4 * FLOATS)
+        found = self._counted if self.settings.counted else None
+        return [Pass("triad", triad, stream), Pass("read", read, least, found)]
+
+    def _counted(self, workgroup_size: int) -> Work:
+        """Told only after a frame: its number, and the size it is asked with."""
+        return Work(bytes_read=4 * FLOATS, rays=1000 * self.last_frame + workgroup_size)
 
     def begin_frame(self, frame: int) -> None:
+        self.last_frame = frame
         if frame == self.settings.fault_frame:
             if self.settings.fault == "interrupt":
                 raise KeyboardInterrupt

@@ -42,7 +42,7 @@ def under_oclgrind(tmp_path: Path, script: str, *arguments: str) -> tuple[list[s
         env=environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
     )
     assert ran.returncode == 0, ran.stderr + ran.stdout
     return ran.stdout.split(), log.read_text() if log.exists() else ""

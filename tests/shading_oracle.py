@@ -46,13 +46,14 @@ def light_gain(light, position):
 class Lit:
     irradiance: np.ndarray  # (n, 3)
     certain: np.ndarray  # (n,) no shadow ray passes within a hair of an edge
+    rays: np.ndarray  # (n,) shadow rays it takes: lights that the surface faces and that reach it
 
 
 def direct_irradiance(scene: Scene, frame: int, position, normal, geometric) -> Lit:
     tracer = EmbreeTracer(scene.corners)
     position = np.asarray(position, np.float64)
     total = np.zeros((len(position), 3))
-    certain = np.ones(len(position), bool)
+    certain, rays = np.ones(len(position), bool), np.zeros(len(position), int)
     rng = np.random.default_rng(5)
     for light in scene.lights_at(frame):
         towards, distance, gain = light_gain(light, position)
@@ -71,8 +72,9 @@ def direct_irradiance(scene: Scene, frame: int, position, normal, geometric) -> 
                 )
             )
         certain &= np.all(answers[0] == np.array(answers), axis=0)
+        rays += facing & (np.broadcast_to(gain, total.shape).sum(axis=1) > 0)
         total += np.where(facing & ~answers[0], cosine, 0.0)[:, None] * gain
-    return Lit(total, certain)
+    return Lit(total, certain, rays)
 
 
 def bilinear(image, x, y, wrap: bool):
@@ -106,6 +108,7 @@ class View:
     direct: np.ndarray  # (h, w, 3) emission, direct light and environment
     indirect: np.ndarray  # (h, w, 3)
     certain: np.ndarray  # (h, w)
+    shadow_rays: np.ndarray  # (h, w)
 
 
 def render(scene: Scene, frame: int, width: int, height: int, lightmap=None, values=None) -> View:
@@ -172,5 +175,8 @@ def render(scene: Scene, frame: int, width: int, height: int, lightmap=None, val
         placed = ~np.isnan(at[:, 0])
         found = bilinear(values, *(np.nan_to_num(at).T - 0.5), wrap=False)
         indirect[hit] = np.where(front & placed[:, None], albedo / np.pi * found, 0)
+    rays = np.zeros(len(d), int)
+    rays[hit] = np.where(front[:, 0], lit.rays, 0)
     shape = (height, width, 3)
-    return View(direct.reshape(shape), indirect.reshape(shape), certain.reshape(shape[:2]))
+    images = direct.reshape(shape), indirect.reshape(shape)
+    return View(*images, certain.reshape(shape[:2]), rays.reshape(shape[:2]))

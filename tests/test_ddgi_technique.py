@@ -14,7 +14,7 @@ from gibench.errors import CannotRun
 from gibench.measure.enqueue import enqueue_frame, prepare_passes
 from gibench.scene.builtin import build
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Camera, Material
+from gibench.scene.model import Camera, Material, PointLight
 from gibench.techniques.ddgi import SPEC
 
 PASSES = [
@@ -225,3 +225,29 @@ def test_the_papers_volume_on_sponza():
     s = state_of(technique)
     assert 0.2 < (s.state == USABLE).mean() < 1
     assert np.isfinite(technique.images()["frame"]).all()
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_rays_are_counted_after_a_frame(variant):
+    """A lamp above a slab: rays are shared between probes inside of it, which rest, and others."""
+    scene, _ = quad_scene(
+        [
+            *box((-1, 0, -1), (1, 2, 1), inward=True),
+            *box((-0.7, 0.1, -0.7), (0.7, 0.8, 0.7), False),
+        ],
+        2,
+        lights=(PointLight((0.0, 1.7, 0.0), (1.0, 1.0, 1.0)),),
+    )
+    technique = create(looking(scene), FEW, variant)
+    prepared = {one.name: one for one in frames(technique, 3)}
+    active = int(np.count_nonzero(state_of(technique).state.astype(int) & 1))
+    traced = prepared["probe_trace"]
+    assert 0 < active < 27
+    assert traced.work.rays == 27 * 60
+    assert traced.counted(16).rays == 27 * 20 + active * 40
+    shaded = prepared["probe_shade"].counted(16)
+    assert shaded.bytes_written == 16 * active * 40
+    # Every ray of an active probe hits a front, and the lamp is before half of them and more.
+    assert 0.5 * active * 40 < shaded.rays <= active * 40
+    assert prepared["application"].counted(16).rays > prepared["application"].work.rays
+    assert prepared["blend_distance"].counted is None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gibs_scenes import Frames, box_parts, furnace, furnished, gibs, scene_of
 
+from gibench.measure.enqueue import prepare_passes
 from gibench.scene.model import Camera, Environment, Material, PointLight
 from gibench.techniques.registry import PUBLISHED, TUNED
 
@@ -148,3 +149,23 @@ def test_depth_moments_keep_light_out_of_the_dark_room():
     """Floors on both sides of a thin wall are one plane: only depth tells their surfels apart."""
     assert dark_over_lit(depth_moments=False) > 0.02
     assert dark_over_lit(depth_moments=True) < 0.01
+
+
+@pytest.mark.parametrize("variant", ["published", "tuned"])
+def test_work_is_counted_after_a_frame(variant):
+    """In a room with one lamp: none before a surfel is alive, then that of those alive."""
+    technique = gibs(furnished(), variant, width=48, height=32, **SETTINGS)
+    prepared = {one.name: one for one in prepare_passes(technique, 64)}
+    assert prepared["irradiance"].work.rays == 0
+    frames = Frames(technique).run(20)
+    before = technique.life()
+    frames.run()
+    counted = {name: one.counted(64) for name, one in prepared.items()}
+    alive = before["alive"]
+    assert alive > 50
+    assert counted["transform_and_count"].bytes_read == 32 * alive
+    rays = technique._rays
+    assert rays == SETTINGS["rays_per_surfel"] * alive
+    assert 1.3 * rays < counted["irradiance"].rays <= 2 * rays
+    assert 1.3 * 48 * 32 < counted["gbuffer"].rays <= 2 * 48 * 32
+    assert counted["application"] == prepared["application"].work

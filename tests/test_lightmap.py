@@ -286,6 +286,30 @@ def test_odd_input_is_refused_or_survived():
     assert lightmap.receivers.area.sum() == pytest.approx(1.0, rel=1e-6)
 
 
+def test_fewer_receivers_than_charts_are_refused_with_the_least_that_works():
+    """400 small squares, each a chart of at least one texel."""
+    side = 20
+    corner = np.stack(np.meshgrid(np.arange(side), np.arange(side)), -1).reshape(-1, 1, 2)
+    at = corner + 0.4 * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    count = len(at)
+    base = 4 * np.arange(count)[:, None, None]
+    scene = quad(
+        positions=np.stack([at[..., 0], 0 * at[..., 0], -at[..., 1]], -1)
+        .reshape(-1, 3)
+        .astype(np.float32),
+        normals=np.tile(np.float32([0, 1, 0]), (4 * count, 1)),
+        uvs=np.tile(quad().uvs, (count, 1)),
+        triangles=(base + np.array([(0, 1, 2), (0, 2, 3)])).reshape(-1, 3).astype(np.int32),
+        material_ids=np.zeros(2 * count, np.int32),
+        object_ids=np.zeros(2 * count, np.int32),
+    )
+    for receivers in (1, 50, 190):
+        with pytest.raises(BadInput, match=f"{receivers} receivers are too few .*; ask for 400 or"):
+            unwrap(scene, receivers)
+    assert len(unwrap(scene, 400).receivers) == 400
+    assert len(unwrap(scene, 250).receivers) == 400
+
+
 def scenes_folder() -> Path:
     named = os.environ.get("GIBENCH_SCENES")
     if named:

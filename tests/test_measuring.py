@@ -126,6 +126,17 @@ def fakes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     return run
 
 
+def test_work_is_told_by_the_last_frame_where_only_a_frame_can_tell(fakes) -> None:
+    frames = ("-w", "64", "--frames", "6", "--warmup", "3")
+    passes = pd.read_csv(fakes(*frames, "--set", "fake.counted=true") / "passes.csv")
+    passes = passes.set_index("pass")
+    assert passes["rays"].to_dict() == {"triad": 0, "read": 1000 * 8 + 64}
+    read = passes.loc["read"]
+    assert read["mrays_per_s"] == pytest.approx(8064 / read["median_ms"] * 1e-3, rel=1e-3)
+    plain = pd.read_csv(fakes(*frames) / "passes.csv")
+    assert plain["rays"].tolist() == [0, 0]
+
+
 def order_of(folder: Path) -> list[int]:
     """Configurations in the order their blocks were stored."""
     numbers = pd.read_csv(folder / "samples.csv")["configuration"].tolist()

@@ -42,7 +42,7 @@ def test_no_kernel_is_left_out(cache: Path) -> None:
         [sys.executable, str(SCRIPTS / "run_case.py"), *arguments(cache, *cases)],
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
     )
     assert ran.returncode == 0, ran.stderr
     assert all_kernels() - set(ran.stdout.split()) == set()
@@ -65,6 +65,8 @@ def test_a_sound_kernel_leaves_an_empty_log(tmp_path: Path) -> None:
 @needs_oclgrind
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_nothing_is_found(tmp_path: Path, cache: Path, case: Case) -> None:
-    ran, log = under_oclgrind(tmp_path, "run_case.py", *arguments(cache, case))
+    # A bake that lies in the cache would not run.
+    folder = tmp_path if case.what == "bake" else cache
+    ran, log = under_oclgrind(tmp_path, "run_case.py", *arguments(folder, case))
     assert log == ""
-    assert len(ran) >= 2
+    assert ran

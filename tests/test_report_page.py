@@ -46,6 +46,30 @@ def page_of(runs: list[Path]) -> str:
     return (runs[0] / "report.html").read_text()
 
 
+def errors_of(folder: Path) -> Path:
+    """What quality leaves: two results, of one also a region."""
+    (folder / "errors").mkdir()
+    columns = "technique,scene,settings,region,rel_l2,bias,time_ms,memory_bytes"
+    rows = ("srp,box,sh_order=2,whole,0.2,-0.01,5,1048576", "srp,box,sh_order=2,corner,0.9,0,5,1")
+    text = "\n".join([columns, *rows, "direct,box,,whole,1,-1,3,1048576"])
+    (folder / "errors" / "quality.csv").write_text(text + "\n")
+    return folder / "errors"
+
+
+def test_errors_stand_beside_times(runs: list[Path], capsys) -> None:
+    folder = errors_of(runs[0].parent)
+    data = json.loads(re.search(r"const DATA = (.*);\n", page_of([*runs, folder]))[1])
+    assert [(e["label"], e["time"], e["error"]) for e in data["errors"]] == [
+        ("srp on box", 5, 0.2),
+        ("direct on box", 3, 1),
+    ]
+    assert call(["report", str(folder), "--html"]) == 2
+    assert "no run to report" in capsys.readouterr().err
+    (folder / "quality.csv").write_text("technique,scene\n")
+    assert call(["report", str(runs[0]), str(folder), "--html"]) == 2
+    assert "it has no column 'settings'" in capsys.readouterr().err
+
+
 def test_the_page_holds_everything_itself(runs: list[Path]) -> None:
     text = page_of(runs)
     assert not re.search(r"(?:src|href)=[\"']?(?:https?:)?//", text)
@@ -76,7 +100,7 @@ def test_the_page_says_what_the_samples_say(runs: list[Path]) -> None:
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 @pytest.mark.slow
 def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
-    page_of(runs)
+    page_of([*runs, errors_of(runs[0].parent)])
     ran = subprocess.run(
         [
             *(CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--dump-dom"),
@@ -88,7 +112,7 @@ def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
         timeout=60,
     )
     assert "CONSOLE" not in ran.stderr
-    assert ran.stdout.count("<svg") == 3  # bars, distributions, roofline
+    assert ran.stdout.count("<svg") == 4  # bars, distributions, roofline, errors
     assert ran.stdout.count("<tr") == 2 + 4 + 8
     assert ran.stdout.count('class="bad"') == 2 + 4
     assert 'aria-label="one: ' in ran.stdout

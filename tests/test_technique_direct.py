@@ -1,5 +1,7 @@
 """Direct light only, through the frame loop."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shading_oracle import open_device, render
@@ -91,3 +93,16 @@ def test_a_launch_without_work_is_not_enqueued(direct):
     prepared = prepare_passes(Idle(), 64)
     assert enqueue_frame(Idle(), prepared, 0).pass_ms["idle"] > 0
     assert enqueue_frame(Idle(), prepared, 1).pass_ms["idle"] == 0
+
+
+@pytest.mark.parametrize("size", [16, 100])
+def test_shadow_rays_are_counted_after_a_frame(direct, size):
+    prepared = prepare_passes(direct, 64)
+    assert prepared[0].work.rays == 40 * 30
+    enqueue_frame(direct, prepared, 17)
+    expected = render(direct.scene.scene, 17, 40, 30)
+    counted = prepared[0].counted(size)
+    found = direct.device.read(direct.scene.image)[..., 0]
+    np.testing.assert_array_equal(found[expected.certain], expected.shadow_rays[expected.certain])
+    assert counted.rays == 1200 + found.sum() > 1200
+    assert counted == replace(prepared[0].work, rays=counted.rays)

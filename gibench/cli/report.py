@@ -11,7 +11,9 @@ from gibench.errors import BadInput
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folders of run, and of quality.")
+    ],
     html: Annotated[
         bool,
         typer.Option("--html", help="One self-contained page of all runs, instead of Markdown."),
@@ -29,23 +31,27 @@ def report(
 ) -> None:
     """Show runs again: as Markdown, or as one page with plots, sortable tables and images.
 
-    The page needs no network. Several runs are put side by side, aligned by configuration. All
-    figures are computed anew from the runs' samples.
+    The page needs no network. Several runs are put side by side, aligned by configuration; what
+    quality left adds error against time. All figures are computed anew from the runs' samples.
 
     [bold]Examples[/]
 
       gibench report results/runs/20260101T120000Z-iphone7 --html
 
-      gibench report laptop-run desktop-run --html --out both.html
+      gibench report laptop-run desktop-run quality-out --html --out both.html
     """
     from gibench.measure.run_folder import write_atomically
-    from gibench.report.loaded import load_run
+    from gibench.report.loaded import QUALITY, load_quality, load_run
     from gibench.report.markdown import report as markdown
     from gibench.report.page import page
 
-    loaded = [load_run(path) for path in dict.fromkeys(runs)]
+    folders = list(dict.fromkeys(runs))
+    qualities = [load_quality(path) for path in folders if (path / QUALITY).exists()]
+    loaded = [load_run(path) for path in folders if not (path / QUALITY).exists()]
+    if not loaded:
+        raise BadInput("no run to report", mend="give a folder that gibench run left as well")
     if html:
-        text = page(loaded)
+        text = page(loaded, qualities)
         target = out or loaded[0].path / "report.html"
     else:
         text = "\n".join(markdown(run.passes, run.frames, run.record) for run in loaded)

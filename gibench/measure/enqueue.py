@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +26,7 @@ class PreparedPass:
         work: the least it must do per frame.
         launches: what is enqueued, in order; empty unless ``status`` is ``ok``.
         problem: why it cannot run, one line; None when it can.
+        counted: tells its work after the last frame, where that is not known ahead.
         status: ``ok``; ``skipped`` where the profile or the device forbids it; ``failed`` where
             its program cannot be built or the driver refuses an argument.
     """
@@ -35,6 +36,7 @@ class PreparedPass:
     launches: tuple[PreparedLaunch, ...]
     problem: str | None = None
     status: Status = "ok"
+    counted: Callable[[int], Work] | None = None
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def prepare_pass(device: Device, item: Pass, workgroup_size: int) -> PreparedPas
         return PreparedPass(item.name, item.work, (), str(error), "skipped")
     except (GibenchError, cl.Error) as error:
         return PreparedPass(item.name, item.work, (), " ".join(str(error).split()), "failed")
-    return PreparedPass(item.name, item.work, launches)
+    return PreparedPass(item.name, item.work, launches, counted=item.counted)
 
 
 def enqueue_frame(technique: Technique, prepared: Sequence[PreparedPass], frame: int) -> FrameTimes:

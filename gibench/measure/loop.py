@@ -251,6 +251,19 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
             live.result.refuse(FAILED, str(outcome.write_error), outcome.write_error)
     for live in alive:
         live.device.queue.finish()
+        if live.result.frames and live.result.status == OK:
+            with _guarded(loop, live.result):
+                _count_work(live)
+
+
+def _count_work(live: Live) -> None:
+    """Replace what was declared ahead by what the last frame is found to have done."""
+    result = live.result
+    result.counts = dict(live.technique.counts())
+    for told, prepared in zip(result.passes, live.prepared, strict=True):
+        if prepared.counted is not None and prepared.status == OK:
+            size = told.workgroup_size or result.configuration.workgroup_size
+            told.work = prepared.counted(size)
 
 
 def _let_go(alive: list[Live], outcome: Outcome) -> None:

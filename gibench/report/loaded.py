@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from gibench.errors import BadInput
 from gibench.measure.run_record import read_run
 from gibench.report.tables import frames_table, passes_table
 
@@ -29,6 +30,34 @@ class LoadedRun:
     samples: pd.DataFrame
     passes: pd.DataFrame
     frames: pd.DataFrame
+
+
+QUALITY = "quality.csv"
+
+
+@dataclass(frozen=True)
+class LoadedQuality:
+    """What ``gibench quality`` left: its folder and its table, one row per result and region."""
+
+    path: Path
+    table: pd.DataFrame
+
+
+def load_quality(path: Path) -> LoadedQuality:
+    """The errors in the folder ``path``.
+
+    Raises:
+        BadInput: they cannot be read or are not of gibench.
+    """
+    file = path / QUALITY
+    try:
+        table = pd.read_csv(file)
+    except (OSError, ValueError) as error:
+        raise BadInput("it cannot be read", where=file, mend="it is damaged") from error
+    for name in ("technique", "settings", "region", "rel_l2", "bias", "time_ms", "memory_bytes"):
+        if name not in table.columns:
+            raise BadInput(f"it has no column '{name}'", where=file)
+    return LoadedQuality(path, table)
 
 
 def load_run(path: str | Path) -> LoadedRun:

@@ -14,7 +14,15 @@ function element(name, attributes = {}, ...children) {
 }
 
 const passNames = [...new Set(DATA.configurations.flatMap(c => c.passes.map(p => p.name)))];
-const color = name => COLORS[passNames.indexOf(name) % COLORS.length];
+// A pass takes the first colour that no pass beside it in a bar has.
+const colors = new Map();
+for (const name of passNames) {
+  const beside = DATA.configurations.map(c => c.passes.map(p => p.name)).filter(n => n.includes(name)).flat();
+  const taken = new Set(beside.map(n => colors.get(n)));
+  colors.set(name, COLORS.find(c => !taken.has(c)) ?? COLORS[colors.size % COLORS.length]);
+}
+const techniques = [...new Set(DATA.errors.map(e => e.technique))];
+const color = name => colors.get(name) ?? COLORS[techniques.indexOf(name) % COLORS.length];
 const digits = value => Math.abs(value) >= 1000 ? 0 : Math.abs(value) >= 100 ? 1 : 3;
 const figure = value => Number.isInteger(value) ? value.toLocaleString("en")
   : value.toLocaleString("en", { minimumFractionDigits: digits(value), maximumFractionDigits: digits(value) });
@@ -64,7 +72,7 @@ function table(place, { columns, rows }) {
         const number = typeof value === "number";
         const text = value === null ? "" : number ? figure(value)
           : typeof value === "boolean" ? (value ? "yes" : "no") : value;
-        return filled[i] ? element("td", number ? { class: "n" } : {}, text) : "";
+        return filled[i] ? element("td", number ? { class: "n" } : i === 1 ? { class: "name" } : {}, text) : "";
       }));
     }));
   };
@@ -190,13 +198,43 @@ function roofline() {
   place.append(svg);
 }
 
+function hide(id) {
+  $(`#${id}`).hidden = true;
+  $(`nav a[href="#${id}"]`).remove();
+}
+
+function errors() {
+  if (!DATA.errors.length) return hide("errors");
+  legend($("#errors .legend"), techniques);
+  const width = 1100, height = 420, left = 66, bottom = 44;
+  const range = name => {
+    const values = DATA.errors.map(e => Math.log10(e[name]));
+    return [Math.min(...values) - 0.25, Math.max(...values) + 0.25];
+  };
+  const [near, far] = range("time"), [low, top] = range("error");
+  const x = v => left + (Math.log10(v) - near) / (far - near) * (width - left - 12);
+  const y = v => height - bottom - (Math.log10(v) - low) / (top - low) * (height - bottom - 10);
+  const steps = (from, to) => [1, 2, 5].flatMap(f => Array.from({ length: 14 }, (_, e) => f * 10 ** (e - 7)))
+    .filter(v => Math.log10(v) >= from && Math.log10(v) <= to).map(v => +v.toPrecision(3));
+  const svg = element("svg", { viewBox: `0 0 ${width} ${height}` });
+  for (const v of steps(near, far)) svg.append(
+    element("line", { x1: x(v), x2: x(v), y1: 10, y2: height - bottom }),
+    element("text", { x: x(v), y: height - bottom + 18, "text-anchor": "middle", class: "soft" }, v));
+  for (const v of steps(low, top)) svg.append(
+    element("line", { x1: left, x2: width - 12, y1: y(v), y2: y(v) }),
+    element("text", { x: left - 8, y: y(v) + 4, "text-anchor": "end", class: "soft" }, `${+(100 * v).toPrecision(3)} %`));
+  svg.append(element("text", { x: width / 2, y: height - 6, "text-anchor": "middle" }, "median ms of a frame"),
+    element("text", { x: 14, y: height / 2, transform: `rotate(-90 14 ${height / 2})`, "text-anchor": "middle" }, "relative L2 error"));
+  for (const e of DATA.errors) svg.append(tip(element("circle", { cx: x(e.time), cy: y(e.error), r: 7,
+    fill: color(e.technique), stroke: "var(--ground)", "stroke-width": 1.5 }),
+    `${e.label}${e.settings ? ` (${e.settings})` : ""}: ${figure(100 * e.error)} % off, bias ${figure(100 * e.bias)} %, ` +
+    `${figure(e.time)} ms, ${figure(e.memory_mib)} MiB`));
+  $("#errors .plot").append(svg);
+}
+
 function images() {
   const section = $("#images"), [left, right] = section.querySelectorAll("select");
-  if (!DATA.images.length) {
-    section.hidden = true;
-    $('nav a[href="#images"]').remove();
-    return;
-  }
+  if (!DATA.images.length) return hide("images");
   const slider = $("input", section), over = $(".over", section), [under, above] = section.querySelectorAll("img");
   DATA.images.forEach((image, k) => [left, right].forEach(s => s.append(element("option", { value: k }, image.title))));
   right.value = Math.min(1, DATA.images.length - 1);
@@ -230,4 +268,5 @@ table($("#frames .table"), DATA.frames);
 table($("#passes .table"), DATA.passes);
 distributions();
 roofline();
+errors();
 images();

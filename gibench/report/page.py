@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.measure.timings import configuration_label
-from gibench.report.loaded import LoadedRun
+from gibench.report.loaded import LoadedQuality, LoadedRun
 from gibench.report.markdown import report as markdown_report
 from gibench.report.tables import run_roofs
 
@@ -59,11 +59,12 @@ _PASS_COLUMNS = {
 }
 
 
-def page(runs: Sequence[LoadedRun]) -> str:
-    """The page of ``runs``, aligned by configuration."""
-    data = json.dumps(_data(runs), ensure_ascii=False, allow_nan=False)
+def page(runs: Sequence[LoadedRun], qualities: Sequence[LoadedQuality] = ()) -> str:
+    """The page of ``runs``, aligned by configuration, with the errors of ``qualities``."""
+    data = _data(runs) | {"errors": [one for found in qualities for one in _errors(found)]}
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False)
     # '</' inside a script element would end it.
-    return _template("page.html").replace("/*DATA*/null", data.replace("</", "<\\/"))
+    return _template("page.html").replace("/*DATA*/null", text.replace("</", "<\\/"))
 
 
 def _template(name: str) -> str:
@@ -107,12 +108,36 @@ def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
             )
     return {
         "runs": [_run(name, run) for name, run in zip(names, runs, strict=True)],
-        "frames": {"columns": ["run", "configuration", *_FRAME_COLUMNS.values()], "rows": frames},
-        "passes": {"columns": ["run", "configuration", *_PASS_COLUMNS.values()], "rows": passes},
+        "frames": _table(_FRAME_COLUMNS, frames),
+        "passes": _table(_PASS_COLUMNS, passes),
         "configurations": sorted(configurations, key=lambda one: one["label"]),
         "images": images,
         "left_out": budget < 0,
     }
+
+
+def _table(columns: Mapping[str, str], rows: list[list[Any]]) -> dict[str, Any]:
+    """Rows of the same configuration one below the other, whatever run they are of."""
+    named = ["run", "configuration", *columns.values()]
+    return {"columns": named, "rows": sorted(rows, key=lambda row: row[1])}
+
+
+def _errors(quality: LoadedQuality) -> list[dict[str, Any]]:
+    """The whole scene's errors, for the plot against time; errors of regions stay in the files."""
+    rows = quality.table[quality.table["region"] == "whole"]
+    return [
+        {
+            "label": f"{row['technique']} on {row['scene']}",
+            "technique": row["technique"],
+            "settings": _plain(row["settings"]) or "",
+            "error": _plain(row["rel_l2"]),
+            "bias": _plain(row["bias"]),
+            "time": _plain(row["time_ms"]),
+            "memory_mib": _plain(row["memory_bytes"] / 2**20),
+        }
+        for _, row in rows.iterrows()
+        if row["rel_l2"] > 0 and row["time_ms"] > 0
+    ]
 
 
 def _names(runs: Sequence[LoadedRun]) -> list[str]:

@@ -16,6 +16,10 @@ from gibench.scene.raster import Doubles, Longs, Pieces, clip
 CLOSE_ENOUGH = 0.002
 LONGEST_SECANT = 5
 LONGEST_SEARCH = 16
+# Share of the resolution that the surface's area alone asks for, below which no search goes.
+COARSEST = 0.01
+# An atlas of more receivers than so many times those asked for is refused.
+MOST_TIMES = 2.0
 # Where a receiver's centroid lies off its surface: a fragment is a sliver below this share of the
 # largest one, and the nearest point moves by this share towards the middle of its fragment.
 SLIVER = 0.1
@@ -27,7 +31,8 @@ def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
 
     Charts come from the scene's lightmap coordinates or from xatlas; the resolution is searched
     for, then the charts are packed once. Fragments are exact: their areas add up to the surface.
-    A very coarse atlas cannot have fewer texels than charts; it then has as few as it can.
+    A very coarse atlas cannot have fewer texels than charts; it then has as few as it can, unless
+    that is more than twice what was asked for.
 
     Args:
         scene: what to unwrap.
@@ -36,7 +41,8 @@ def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
             chart off the texels of another and gives each chart a border of its own to dilate into.
 
     Raises:
-        BadInput: ``receivers`` or ``padding`` is out of range, or the scene has no surface.
+        BadInput: ``receivers`` or ``padding`` is out of range, the scene has no surface, or it
+            falls into too many charts for so few receivers.
     """
     if receivers < 1:
         raise BadInput(f"{receivers} receivers asked for", where="receivers", mend="ask for >= 1")
@@ -48,7 +54,7 @@ def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
     with progress(f"Unwrapping {scene.name}", 4) as advance:
         charts = flatten(scene, surface / receivers)
         advance(1)
-        scale = _search(charts, receivers)
+        scale = _search(scene, charts, receivers)
         advance(1)
         uvs, width, height = pack(charts, scale, padding)
         advance(1)
@@ -59,14 +65,16 @@ def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
     return Lightmap(width, height, uvs, found, fragments, receivers)
 
 
-def _search(charts: Charts, receivers: int) -> float:
+def _search(scene: Scene, charts: Charts, receivers: int) -> float:
     """The texels per unit at which the charts cover ``receivers`` texels.
 
     The count grows as area times scale squared plus outline times scale; in its logarithm it is
     nearly straight, so the secant method needs a few evaluations. Where charts are few the count
     jumps as they gain a row; then bisection closes in on the jump. The best scale seen is kept.
+    Below ``COARSEST`` of the first guess nothing but one texel per chart is left to find.
     """
     scale = float(np.log(np.sqrt(receivers / np.abs(_uv_areas(charts)).sum())))
+    coarsest = scale + float(np.log(COARSEST))
     tried: list[tuple[float, float]] = []
     for step in range(LONGEST_SEARCH):
         count = covered_count(charts, float(np.exp(scale)))
@@ -82,8 +90,18 @@ def _search(charts: Charts, receivers: int) -> float:
         if len(tried) > 1:
             (x0, y0), (x1, y1) = tried[-2:]
             slope = float(np.clip((y1 - y0) / (x1 - x0 or 1.0), 0.2, 2.2))
-        scale -= tried[-1][1] / slope
-    return float(np.exp(min(tried, key=lambda point: abs(point[1]))[0]))
+        if scale <= coarsest:
+            break
+        scale = max(scale - tried[-1][1] / slope, coarsest)
+    best, off = min(tried, key=lambda point: abs(point[1]))
+    if off > np.log(MOST_TIMES):
+        least = round(receivers * float(np.exp(off)))
+        raise BadInput(
+            f"{receivers:,} receivers are too few for {charts.count:,} charts",
+            where=scene.name,
+            mend=f"ask for {least:,} or more",
+        )
+    return float(np.exp(best))
 
 
 def _uv_areas(charts: Charts) -> Doubles:

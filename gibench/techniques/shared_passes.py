@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -104,6 +105,7 @@ def forward_launch(
     indirect: Buffer | None = None,
     show: int = SHOW_DIRECT | SHOW_INDIRECT,
     packets: bool = False,
+    count_rays: bool = False,
 ) -> Launch:
     """The launch that renders the camera image.
 
@@ -113,12 +115,16 @@ def forward_launch(
         indirect: dilated map of indirect irradiance; None for direct light only.
         show: sum of SHOW_DIRECT and SHOW_INDIRECT.
         packets: trace as many rays together as a vector holds (see :func:`suits_packets`).
+        count_rays: write the number of shadow rays instead of light; not with ``packets``.
     """
     source = "common/forward_packet.cl" if packets else "common/forward_render.cl"
     packet = packet_rays(scene.device) if packets else 1
-    program = scene.device.program(
-        source, {"INDIRECT": int(indirect is not None), **({"PACKET": packet} if packets else {})}
-    )
+    defines = {"INDIRECT": int(indirect is not None)}
+    if packets:
+        defines["PACKET"] = packet
+    if count_rays:
+        defines["COUNT_RAYS"] = 1
+    program = scene.device.program(source, defines)
     lookup: tuple[Argument, ...] = ()
     if indirect is not None and receivers is not None:
         size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
@@ -151,15 +157,30 @@ def forward_render(
 ) -> Pass:
     """The pass that renders the camera image (see :func:`forward_launch`).
 
-    Its work counts the primary rays, which are certain, and not the shadow rays, whose number
-    depends on what the camera sees; no flops: rays are its measure.
+    Its work counts the primary rays, which are certain; after a frame also the shadow rays, whose
+    number depends on what the camera sees and where the lights are. No flops: rays are its measure.
     """
     pixels = scene.width * scene.height
+    work = Work(bytes_written=12 * pixels, rays=pixels)
 
     def launches() -> Sequence[Launch]:
         return [forward_launch(scene, receivers, indirect, packets=packets)]
 
-    return Pass("forward_render", launches, Work(bytes_written=12 * pixels, rays=pixels))
+    return Pass("forward_render", launches, work, with_shadow_rays(scene, work))
+
+
+def with_shadow_rays(scene: FrameScene, work: Work) -> Callable[[int], Work]:
+    """``Pass.counted`` of a pass that traces primary rays, which ``work`` has, and shadow rays
+    where they hit; overwrites the image.
+    """
+
+    def counted(workgroup_size: int) -> Work:
+        launch = forward_launch(scene, show=SHOW_DIRECT, count_rays=True)
+        prepare_launch(scene.device, launch, workgroup_size).enqueue(scene.device.queue)
+        shadow_rays = float(scene.device.read(scene.image)[..., 0].sum(dtype=np.float64))
+        return replace(work, rays=work.rays + shadow_rays)
+
+    return counted
 
 
 def rendered(

@@ -86,12 +86,16 @@ class Pass:
         name: the field's name for it, in snake_case.
         launches: what is enqueued, in order. Built by a function, so that a pass whose program
             cannot be built or whose sizes do not fit fails alone.
-        work: the least it must do per frame.
+        work: the least it must do per frame, as far as that is known before any frame.
+        counted: its work in the frame that was run last, where only a frame can tell: asked with a
+            work-group size once all frames are run and their images taken, outside all timing. May
+            overwrite the image and whatever the next frame makes anew.
     """
 
     name: str
     launches: Callable[[], Sequence[Launch]]
     work: Work = field(default_factory=Work)
+    counted: Callable[[int], Work] | None = None
 
 
 @runtime_checkable

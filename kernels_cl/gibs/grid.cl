@@ -162,7 +162,7 @@ inline bool grid_box(__global const float *grid, int region, float3 position, fl
     *box = grid_region(region);
 #if ALL_NEIGHBOURS
     const int3 at = grid_coordinates(grid, position);
-    box->first = max(at - 1, 0);
+    box->first = max(at - 1, (int3)(0));
     box->last = min(at + 1, (int3)(GRID_X - 1, GRID_Y - 1, GRID_Z - 1));
 #else
     box->first = grid_coordinates(grid, position - extent);

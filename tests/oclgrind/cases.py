@@ -47,7 +47,7 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
 }
 
 BAKES = [
-    *(Case("bake", 1, width, "srp") for width in (16, 4, 1)),
+    *(Case("bake", 1, width, "srp") for width in (16, 1)),
     Case("bake", 1, 16, "srp", settings={"interpolation": "visibility"}),
 ]
 FRAMES = [

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from gibench.device import Buffer
 from gibench.techniques.ddgi.blending import Blending, distance_share
-from gibench.techniques.ddgi.probes import STORED, Probes
+from gibench.techniques.ddgi.probes import ACTIVE, STORED, Probes
 from gibench.techniques.frame_scene import FrameScene
-from gibench.techniques.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, TILE_SIDE
+from gibench.techniques.launching import prepare_launch
+from gibench.techniques.shared_passes import (
+    SHOW_DIRECT,
+    SHOW_INDIRECT,
+    TILE_SIDE,
+    with_shadow_rays,
+)
 from gibench.techniques.technique import Argument, Launch, LocalMemory, Pass, Work
 
 SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
@@ -20,7 +27,7 @@ class DdgiPasses:
     """The launches of a frame.
 
     Works count every probe as active, which all are in frame 0; how many are later depends on the
-    scene.
+    scene, and so do shadow rays: those are counted after a frame.
 
     Args:
         scene: the scene on the device.
@@ -57,6 +64,7 @@ class DdgiPasses:
         shaded = p * s.blended
         border = 4 * (s.irradiance_texels + 1) * 4 + 4 * (s.distance_texels + 1) * 2
         pixels = self.scene.width * self.scene.height
+        applied = Work(bytes_written=12 * pixels, rays=pixels)
         return [
             Pass(
                 "probe_trace",
@@ -66,9 +74,13 @@ class DdgiPasses:
                     bytes_written=4 * p * s.fixed + 16 * shaded,
                     rays=p * s.rays,
                 ),
+                self._traced,
             ),
             Pass(
-                "probe_shade", self._shade, Work(bytes_read=16 * shaded, bytes_written=16 * shaded)
+                "probe_shade",
+                self._shade,
+                Work(bytes_read=16 * shaded, bytes_written=16 * shaded),
+                self._shaded,
             ),
             Pass(
                 "blend_irradiance",
@@ -103,9 +115,37 @@ class DdgiPasses:
             Pass(
                 "application",
                 lambda: [self.application()],
-                Work(bytes_written=12 * pixels, rays=pixels),
+                applied,
+                with_shadow_rays(self.scene, applied),
             ),
         ]
+
+    def _active(self) -> int:
+        state = self.probes.device.read(self.probes.data)[:, 3].astype(np.int32)
+        return int(np.count_nonzero(state & ACTIVE))
+
+    def _traced(self, workgroup_size: int) -> Work:
+        """The trace's work with the probes active now; the others cast their fixed rays alone."""
+        p, s, active = self.probes.volume.probes, self.probes.settings, self._active()
+        return Work(
+            bytes_read=16 * p + 12 * s.rays,
+            bytes_written=4 * p * s.fixed + 16 * active * s.blended,
+            rays=p * s.fixed + active * s.blended,
+        )
+
+    def _shaded(self, workgroup_size: int) -> Work:
+        """The shading's work likewise, with its shadow rays; overwrites the rays' light."""
+        p, device = self.probes, self.probes.device
+        rays = self.blending.rays
+        device.write(rays, np.zeros(rays.shape, rays.dtype))
+        # One probe beside the other: four floats a ray, which fit wherever the variant's own do.
+        program = device.program("ddgi/trace.cl", {**p.defines(1), "COUNT_RAYS": 1})
+        launch = replace(self._shade()[0], program=program)
+        prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
+        shaded = p.volume.probes * p.settings.blended
+        shadow_rays = device.read(rays).reshape(-1)[: 4 * shaded : 4].sum(dtype=np.float64)
+        nbytes = 16 * self._active() * p.settings.blended
+        return Work(bytes_read=nbytes, bytes_written=nbytes, rays=float(shadow_rays))
 
     def _moving(self) -> list[Pass]:
         p, s = self.probes.volume.probes, self.probes.settings

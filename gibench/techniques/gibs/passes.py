@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.gibs.grid import SurfelGrid
 from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
-from gibench.techniques.technique import Argument, Launch, LocalMemory
+from gibench.techniques.launching import prepare_launch
+from gibench.techniques.technique import Argument, Launch, LocalMemory, Work
 
 TILE_SIDE = 8  # kernels_cl/common/sampling.cl
 PLACEMENT_TILE = 16  # kernels_cl/gibs/life.cl
@@ -157,7 +158,20 @@ class FramePasses:
         def launch(kernel: str, *args: Argument) -> Launch:
             return Launch(program, kernel, args, items=self.alive)
 
-        trace = (
+        rays = (s.ray_first, s.ray_light, s.ray_choice)
+        learnt = (s.estimator, s.moments, g.nearest, s.guides)
+        return [
+            launch("request_rays", g.frame, g.alive_ids, s.estimator, s.seen, s.marks),
+            # The first word of `frame` is the number of surfels alive.
+            *s.scan.launches(s.marks, g.frame, s.before, self.alive),
+            launch("assign_rays", g.frame, s.before, s.ray_first, s.ray_owner),
+            self._trace(program),
+            launch("update_surfels", g.frame, g.alive_ids, *rays, g.radii, *learnt),
+        ]
+
+    def _trace(self, program: Program) -> Launch:
+        s, g = self.surfels, self.surfels.geometry
+        args = (
             g.frame,
             g.alive_ids,
             s.births,
@@ -173,16 +187,17 @@ class FramePasses:
             s.ray_light,
             s.ray_choice,
         )
-        rays = (s.ray_first, s.ray_light, s.ray_choice)
-        learnt = (s.estimator, s.moments, g.nearest, s.guides)
-        return [
-            launch("request_rays", g.frame, g.alive_ids, s.estimator, s.seen, s.marks),
-            # The first word of `frame` is the number of surfels alive.
-            *s.scan.launches(s.marks, g.frame, s.before, self.alive),
-            launch("assign_rays", g.frame, s.before, s.ray_first, s.ray_owner),
-            Launch(program, "trace_rays", trace, items=self.rays),
-            launch("update_surfels", g.frame, g.alive_ids, *rays, g.radii, *learnt),
-        ]
+        return Launch(program, "trace_rays", args, items=self.rays)
+
+    def with_shadow_rays(self, work: Work, workgroup_size: int) -> Work:
+        """The irradiance pass's work with the shadow rays where its rays hit. Surfels recycled at
+        the frame's end have left their rays to those that moved to their places in the list.
+        """
+        device, light = self.scene.device, self.surfels.ray_light
+        program = device.program("gibs/irradiance.cl", {**self.defines, "COUNT_RAYS": 1})
+        prepare_launch(device, self._trace(program), workgroup_size).enqueue(device.queue)
+        shadow_rays = device.read(light)[: self.rays(), 0].sum(dtype=np.float64)
+        return replace(work, rays=work.rays + float(shadow_rays))
 
     def gbuffer(self) -> list[Launch]:
         """Primary rays and direct light."""

@@ -34,7 +34,8 @@ from gibench.techniques.gibs.surfels import (
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.registry import PUBLISHED, CreateContext
-from gibench.techniques.technique import FloatArray, Launch, Pass
+from gibench.techniques.shared_passes import with_shadow_rays
+from gibench.techniques.technique import FloatArray, Launch, Pass, Work
 
 
 class Gibs:
@@ -112,19 +113,11 @@ class Gibs:
         return bvh + own_bytes(self._context)
 
     def passes(self) -> Sequence[Pass]:
-        """The passes of a frame, in order; their work is that of the frame last begun."""
+        """The passes of a frame, in order. Before any frame no surfel is alive: what they do is
+        counted by the frame last begun.
+        """
         p = self._passes
-        work = frame_work(
-            FrameSizes(
-                alive=self._alive,
-                rays=self._rays,
-                pixels=self.scene.width * self.scene.height,
-                cells=self.grid.grid.cells,
-                neighbours=self.grid.published,
-                depth=self.settings.depth_moments,
-                guiding=self.settings.ray_guiding,
-            )
-        )
+        work = self._work()
 
         def alive() -> int:
             return self._alive
@@ -140,7 +133,31 @@ class Gibs:
             "placement": p.placement,
             "recycling": p.recycling,
         }
-        return [Pass(name, build, work[name]) for name, build in launches.items()]
+
+        def counted(name: str) -> Callable[[int], Work]:
+            def told(size: int) -> Work:
+                now = self._work()[name]
+                if name == "gbuffer":
+                    return with_shadow_rays(self.scene, now)(size)
+                return p.with_shadow_rays(now, size) if name == "irradiance" else now
+
+            return told
+
+        return [Pass(name, build, work[name], counted(name)) for name, build in launches.items()]
+
+    def _work(self) -> dict[str, Work]:
+        """The work of the frame last begun, by pass, without shadow rays."""
+        return frame_work(
+            FrameSizes(
+                alive=self._alive,
+                rays=self._rays,
+                pixels=self.scene.width * self.scene.height,
+                cells=self.grid.grid.cells,
+                neighbours=self.grid.published,
+                depth=self.settings.depth_moments,
+                guiding=self.settings.ray_guiding,
+            )
+        )
 
     def begin_frame(self, frame: int) -> None:
         """Move lights and camera, and tell the device what the frame is."""
