@@ -243,8 +243,6 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
                     active[turn] = None  # type: ignore[call-overload]
             active = [live for live in active if live is not None]
     for live in active:
-        if live.result.frames:
-            _take_stock(live)
         if outcome.interrupted and not live.result.reason:
             _mark_interrupted(live.result, loop.options)
         elif outcome.write_error is not None:
@@ -327,23 +325,13 @@ def _store(loop: Loop, live: Live) -> None:
 
 def _finish(loop: Loop, live: Live) -> None:
     result = live.result
-    _take_stock(live)
+    result.memory_bytes = live.device.memory.peak_bytes
     if any(p.status != OK for p in live.prepared):
         _tell_of_missing_passes(result, live.prepared)
         return
     _check_output(live.technique)
     if not live.pictured:
         _take_images(loop, live)
-
-
-def _take_stock(live: Live) -> None:
-    """Sizes, memory and work as they are now: surfels come and go, and their work with them."""
-    result = live.result
-    result.counts = dict(live.technique.counts())
-    result.memory_bytes = live.device.memory.peak_bytes
-    work = {item.name: item.work for item in live.technique.passes()}
-    for item in result.passes:
-        item.work = work.get(item.name, item.work)
 
 
 def _take_images(loop: Loop, live: Live) -> None:
