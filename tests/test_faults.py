@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 from pathlib import Path
 
 import fake_technique
@@ -72,6 +73,27 @@ def test_the_disk_fills_while_samples_are_written(run, tmp_path, monkeypatch, ca
     assert "failed" in set(frames["status"])
     assert "No space left" in record["write_error"]
     assert len(calls) == 4  # nothing further was run
+
+
+def test_ctrl_c_while_samples_are_stored_waits_for_them(run, tmp_path, monkeypatch, capsys) -> None:
+    append, calls = run_folder.RunFolder.append_samples, []
+
+    def signalled(self, rows) -> None:
+        calls.append(len(rows))
+        if len(calls) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        append(self, rows)
+
+    monkeypatch.setattr(run_folder.RunFolder, "append_samples", signalled)
+    assert run() == 130
+    line = one_line(capsys)
+    samples, frames, record = left(tmp_path / "out")
+    assert len(samples) == 3 * 5 * 2  # three blocks of five frames of two passes
+    assert f"{len(samples)} samples are kept" in line
+    assert len(calls) == 3  # nothing further was run
+    assert record["interrupted"]
+    assert frames["reason"].str.startswith("interrupted after").all()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_the_disk_is_full_when_tables_are_written(run, tmp_path, monkeypatch, capsys) -> None:

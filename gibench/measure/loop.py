@@ -17,6 +17,7 @@ from gibench.measure.cold import CacheFlush
 from gibench.measure.configuration import Configuration
 from gibench.measure.enqueue import FrameTimes, PreparedPass, enqueue_frame, prepare_passes
 from gibench.measure.environment import without_paths
+from gibench.measure.interrupts import Interrupts
 from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult, PassResult
 from gibench.measure.run_folder import RunFolder
 from gibench.measure.setup import LoopOptions, check_configuration, set_up
@@ -100,6 +101,7 @@ class Loop:
     take_images: TakeImages | None
     flush: CacheFlush | None
     rng: np.random.Generator
+    interrupts: Interrupts
 
 
 def run_configurations(
@@ -137,23 +139,28 @@ def run_configurations(
     outcome = Outcome([])
     folder.start_samples()
     rng = np.random.default_rng(options.seed)
-    loop = Loop(options, shared, cl_device, folder, outcome, take_images, flush, rng)
-    alive: list[Live] = []
-    group = 1
-    for configuration in configurations:
-        result = ConfigurationResult(configuration, names[configuration.scene], group=group)
-        outcome.results.append(result)
-        if outcome.ended:
-            result.refuse(SKIPPED, _not_reached(outcome))
-            continue
-        with _guarded(loop, result):
-            alive.append(_bring_up(loop, result))
-        if outcome.ended or _full(alive, cl_device):
-            _take_turns(loop, alive)
-            _let_go(alive, outcome)
-            group += 1
-    _take_turns(loop, alive)
-    _let_go(alive, outcome)
+    with Interrupts() as interrupts:
+        loop = Loop(
+            options, shared, cl_device, folder, outcome, take_images, flush, rng, interrupts
+        )
+        alive: list[Live] = []
+        group = 1
+        for configuration in configurations:
+            result = ConfigurationResult(configuration, names[configuration.scene], group=group)
+            outcome.results.append(result)
+            outcome.interrupted |= interrupts.came()
+            if outcome.ended:
+                result.refuse(SKIPPED, _not_reached(outcome))
+                continue
+            with _guarded(loop, result):
+                alive.append(_bring_up(loop, result))
+            if outcome.ended or _full(alive, cl_device):
+                _take_turns(loop, alive)
+                _let_go(alive, outcome)
+                group += 1
+        _take_turns(loop, alive)
+        _let_go(alive, outcome)
+    outcome.interrupted |= interrupts.came()
     return outcome
 
 
@@ -174,7 +181,8 @@ def _full(alive: Sequence[Live], cl_device: Any) -> bool:
 def _guarded(loop: Loop, result: ConfigurationResult) -> Iterator[None]:
     """Whatever goes wrong inside becomes the configuration's reason; the others go on."""
     try:
-        yield
+        with loop.interrupts.work():
+            yield
     except KeyboardInterrupt:
         loop.outcome.interrupted = True
         _mark_interrupted(result, loop.options)
@@ -237,6 +245,7 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
                     if over:
                         _finish(loop, live)
                 _store(loop, live)
+                outcome.interrupted |= loop.interrupts.came()
                 if outcome.ended:
                     break
                 if over:
