@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gibench.cli import flight, options
+from gibench.cli import flight, motion, options
 from gibench.errors import BadInput, CheckFailed, Interrupted
 
 if TYPE_CHECKING:
@@ -75,6 +75,7 @@ def quality(
     camera_path: flight.CameraPathChoice = "rest",
     rest_frames: flight.RestFrames = 60,
     flight_frames: flight.FlightFrames = 240,
+    moving: motion.RestOnly = "rest",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -139,7 +140,14 @@ def quality(
             "--reference is of one scene and one number of receivers, and several are asked for"
         )
     how = QualityOptions(
-        loop=LoopOptions(width=width, height=height, camera=camera, seed=seed, flight=flown),
+        loop=LoopOptions(
+            width=width,
+            height=height,
+            camera=camera,
+            seed=seed,
+            flight=flown,
+            motion=motion.motion(moving),
+        ),
         settle=SettleOptions(frames),
         bounces=bounces,
         target_error=target_error,

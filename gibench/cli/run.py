@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gibench.cli import flight, options
+from gibench.cli import flight, motion, options
 from gibench.errors import CannotRun, CheckFailed, GibenchError, Interrupted
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ def run(
     camera_path: flight.CameraPathChoice = "rest",
     rest_frames: flight.RestFrames = 60,
     flight_frames: flight.FlightFrames = 240,
+    moving: motion.MotionChoice = "rest",
     fit: Annotated[
         bool,
         typer.Option(
@@ -111,6 +112,8 @@ def run(
       gibench run --device-profile iphone7 --scene hall --receivers 200000 --fit --save-images
 
       gibench run --technique gibs --technique ddgi --camera-path flight
+
+      gibench run --technique gibs --scene hall --motion scene
     """
     from dataclasses import replace
 
@@ -137,7 +140,8 @@ def run(
     cl_device = select_cl_device(device)
     flown = flight.flight(camera_path, rest_frames, flight_frames)
     plan = Plan(frames=frames or flown.frames or None, warmup=warmup)
-    loop = LoopOptions(plan, width, height, camera, fit, seed, flown)
+    moved = motion.motion(moving)
+    loop = LoopOptions(plan, width, height, camera, fit, seed, flown, moved)
     shared = Shared(cache, seed)
     for configuration in configurations:
         check_configuration(configuration, loop, shared)
@@ -240,6 +244,7 @@ def _arguments(given: dict[str, Any]) -> dict[str, Any]:
         *("save_images", "seed", "device", "camera_path", "rest_frames", "flight_frames"),
     )
     arguments = {name: given[name] for name in names}
+    arguments["motion"] = Path(given["moving"]).name
     for name in ("device_profile", "scene"):
         arguments[name] = [Path(value).name for value in arguments[name]]
     arguments["camera_path"] = Path(arguments["camera_path"]).name

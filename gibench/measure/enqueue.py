@@ -12,6 +12,7 @@ import pyopencl as cl
 from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.techniques.launching import PreparedLaunch, prepare_launch
+from gibench.techniques.shared_passes import frame_passes
 from gibench.techniques.technique import Pass, Technique, Work
 
 Status = Literal["ok", "skipped", "failed"]
@@ -59,7 +60,9 @@ def prepare_passes(technique: Technique, workgroup_size: int) -> list[PreparedPa
 
     A pass that cannot run is returned with its reason and the others go on.
     """
-    return [prepare_pass(technique.device, item, workgroup_size) for item in technique.passes()]
+    return [
+        prepare_pass(technique.device, item, workgroup_size) for item in frame_passes(technique)
+    ]
 
 
 def prepare_pass(device: Device, item: Pass, workgroup_size: int) -> PreparedPass:

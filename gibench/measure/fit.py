@@ -162,5 +162,6 @@ def measure_demand(spec: TechniqueSpec, context: CreateContext) -> Demand | None
 
 def _fixed_part(device: Device, context: CreateContext) -> list[int]:
     """Bytes of every buffer that no number of receivers changes."""
-    FrameScene(device, context.scene, context.width, context.height, context.camera)
+    size = (context.width, context.height)
+    FrameScene(device, context.scene, *size, context.camera, motion=context.motion)
     return list(device.memory.allocated.values())

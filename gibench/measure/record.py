@@ -16,6 +16,7 @@ from gibench.measure.setup import LoopOptions
 from gibench.measure.shared import Shared
 from gibench.measure.statistics import Roofs
 from gibench.profiles import DeviceProfile
+from gibench.scene.motion_file import motions_hash
 
 
 def begin_record(
@@ -36,6 +37,7 @@ def begin_record(
         "seed": options.seed,
         "image": {"width": options.width, "height": options.height},
         "plan": asdict(options.plan),
+        "motion": options.motion.record(),
         "flight": {**asdict(options.flight), "path": Path(options.flight.path).name},
         "cold": cold.record() if cold else None,
         "versions": versions(),
@@ -76,6 +78,7 @@ def _scenes(outcome: Outcome, shared: Shared) -> list[dict[str, Any]]:
             "file": Path(name).name,
             "triangles": len(scene.triangles),
             "content_hash": scene.content_hash(),
+            "motions_hash": motions_hash(scene.motions),
             "warnings": [without_paths(warning) for warning in scene.warnings],
         }
         for name, scene in scenes

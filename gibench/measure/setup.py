@@ -15,8 +15,9 @@ from gibench.measure.shared import Shared
 from gibench.measure.stopping import Plan
 from gibench.measure.view import choose_camera
 from gibench.scene.model import Scene
+from gibench.scene.motion_file import MotionOptions
 from gibench.techniques.camera_path import FlightOptions
-from gibench.techniques.registry import CreateContext
+from gibench.techniques.registry import CreateContext, TechniqueSpec, techniques
 from gibench.techniques.technique import HasNotes, Technique
 
 
@@ -32,6 +33,7 @@ class LoopOptions:
         fit: lower the receivers until a configuration fits its profile.
         seed: of every random choice.
         flight: that drives the camera of every technique.
+        motion: whether the scene's objects move, for every technique.
         kernel_root: another kernel tree than the installed one.
     """
 
@@ -42,6 +44,7 @@ class LoopOptions:
     fit: bool = False
     seed: int = 0
     flight: FlightOptions = field(default_factory=FlightOptions)
+    motion: MotionOptions = field(default_factory=MotionOptions)
     kernel_root: Traversable | None = None
 
 
@@ -51,11 +54,13 @@ def check_configuration(
     """Find what is wrong with a configuration before anything long; its scene.
 
     Raises:
-        BadInput: its scene, camera or camera path is wrong, or the settings do not suit the scene.
+        BadInput: its scene, camera, camera path or motion is wrong, or the settings do not suit the
+            scene.
     """
     scene = shared.scene(configuration.scene)
     choose_camera(scene, options.camera)
     options.flight.check()
+    options.motion.of(scene)
     configuration.spec.check(scene, configuration.settings)
     return scene
 
@@ -68,13 +73,17 @@ def set_up(
     What a reader must know about the configuration is noted in ``result``.
 
     Raises:
-        CannotRun: it does not fit the profile (with ``fit``: at no number of receivers).
+        CannotRun: it does not fit the profile (with ``fit``: at no number of receivers), or cannot
+            follow objects that move.
     """
     configuration = result.configuration
     spec, settings, profile = configuration.spec, configuration.settings, configuration.profile
     scene = shared.scene(configuration.scene)
     camera = choose_camera(scene, options.camera)
     flight = options.flight.of(scene, camera)
+    motion = options.motion.of(scene)
+    if motion is not None and not spec.follows_motion:
+        raise _stands_still(spec)
     result.camera = camera.name
     asked = receivers = configuration.receivers or scene.receivers
     result.receivers_asked = asked
@@ -97,6 +106,7 @@ def set_up(
             camera=camera,
             seed=options.seed,
             flight=flight,
+            motion=motion,
         )
         try:
             technique = spec.create(context)
@@ -112,6 +122,16 @@ def set_up(
     if receivers != asked:
         result.reason = f"fitted: aims for {receivers:,} receivers instead of {asked:,}"
         result.notes.append(f"{result.reason}, so that it fits profile {profile.name}")
+    if motion is not None:
+        result.notes.append(motion.note())
     if isinstance(technique, HasNotes):
         result.notes += technique.notes()
     return context.device, technique
+
+
+def _stands_still(spec: TechniqueSpec) -> CannotRun:
+    able = sorted(one.name for one in techniques().values() if one.follows_motion)
+    return CannotRun(
+        f"{spec.name} cannot follow objects that move: what it bakes holds for the scene at rest",
+        mend=f"run it without --motion, or {', '.join(able)} with it",
+    )

@@ -14,6 +14,7 @@ from gibench.measure.compare import RowKey, Timings
 from gibench.measure.lockstep import FRAME
 from gibench.measure.run_folder import RECORD
 from gibench.measure.run_record import StoredRun, read_run
+from gibench.scene.motion_file import SCENE
 from gibench.techniques.camera_path import REST
 
 _MEND = "give a run's folder, a folder of such folders, or a JSON file of pytest-benchmark"
@@ -108,6 +109,7 @@ def _identity(record: Mapping[str, Any]) -> dict[str, Any]:
         "image size": record.get("image"),
         "seed": record["seed"],
         "camera's flight": _flight(record),
+        "objects' motion": _motion(record),
     }
     for profile in record["profiles"]:
         identity[f"profile {profile['name']}"] = profile.get("content_hash")
@@ -122,6 +124,15 @@ def _flight(record: Mapping[str, Any]) -> Any:
     """None where the camera rests, as it does in every run from before there were flights."""
     flight = record.get("flight") or {"path": REST}
     return None if flight["path"] == REST else flight
+
+
+def _motion(record: Mapping[str, Any]) -> Any:
+    """None where objects rest, as they do in every run from before any moved."""
+    motion = record.get("motion") or {"path": REST}
+    if motion["path"] == REST:
+        return None
+    described = {scene["name"]: scene.get("motions_hash") for scene in record.get("scenes", ())}
+    return motion if motion["path"] != SCENE else {**motion, "scenes": described}
 
 
 def _of_benchmark(file: Path, name: str) -> Timings:

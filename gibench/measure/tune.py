@@ -30,6 +30,7 @@ from gibench.measure.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.resources import data
+from gibench.techniques.shared_passes import frame_passes
 from gibench.techniques.technique import LocalMemory, Pass, Technique
 
 CLEAR = 0.03
@@ -121,7 +122,7 @@ def measure_sweep(
             refusal = error
             continue
         alive[size] = technique, prepare_passes(technique, size)
-        free = tuple(item.name for item in technique.passes() if _is_free(item))
+        free = tuple(item.name for item in frame_passes(technique) if _is_free(item))
     if not alive:
         assert refusal is not None
         raise refusal
@@ -170,7 +171,7 @@ def prepare_chosen(technique: Technique, sweep: Sweep) -> list[PreparedPass]:
     """Every pass prepared at its chosen size."""
     return [
         prepare_pass(technique.device, item, sweep.chosen.get(item.name, sweep.base))
-        for item in technique.passes()
+        for item in frame_passes(technique)
     ]
 
 
@@ -221,6 +222,8 @@ def _memory(
         "scene": [shared.scene(configuration.scene).content_hash(), receivers],
         "image": [options.width, options.height],
     }
+    if options.motion.moves:
+        key["motion"] = repr(options.motion.motions(shared.scene(configuration.scene)))
     name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
     return shared.cache_dir / "workgroup-sizes" / f"{name}.json"
 

@@ -202,6 +202,13 @@ def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:
             f"{flight['flight_frames']} along the path '{flight['path']}', then at rest again; the "
             "same frame is the same view for every technique."
         )
+    motion = record.get("motion")
+    if motion and motion["path"] != "rest":
+        told = "the scene says" if motion["path"] == "scene" else f"'{motion['path']}' says"
+        lines.append(
+            f"Objects moved as {told}; in the same frame they are in the same place for every "
+            "technique."
+        )
     for scene in record["scenes"]:
         lines.append(
             f"{scene['name']}: {scene['triangles']:,} triangles, content "

@@ -61,6 +61,7 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
         lights=content.lights,
         cameras=content.cameras,
         lightmap_uvs=mesh.lightmap_uvs,
+        object_names=content.object_names,
         receivers=receivers,
         warnings=(*content.warnings, *mesh.warnings),
     )

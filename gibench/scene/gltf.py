@@ -152,6 +152,7 @@ class _Reader:
             tuple(self.textures),
             tuple(self.found.lights),
             tuple(self.found.cameras),
+            tuple(node.name or "" for node in self.gltf.nodes or []),
             self._warnings(),
         )
 

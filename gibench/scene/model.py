@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.scene.motion import Motion
+
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 Vec3 = tuple[float, float, float]
@@ -238,9 +240,12 @@ class Scene:
         triangles: (t, 3) int32 vertex indices, none degenerate.
         material_ids: (t,) int32.
         object_ids: (t,) int32, one number per node or group of the file.
+        object_names: by that number; several objects may share a name, and "" is none. No result
+            depends on them.
         lightmap_uvs: (v, 2) float32 in [0, 1], or None where the file has none.
         receivers: number of receivers to aim for unless the user says otherwise.
         regions: parts of the image whose error is told apart; no result depends on them.
+        motions: of its objects, at rest unless a run follows them.
         warnings: what was dropped while loading, one line each, with counts.
     """
 
@@ -260,6 +265,8 @@ class Scene:
     lightmap_uvs: Floats | None = field(default=None, repr=False)
     receivers: int = 100_000
     regions: tuple[Region, ...] = ()
+    object_names: tuple[str, ...] = field(default=(), repr=False)
+    motions: tuple[Motion, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
@@ -272,6 +279,11 @@ class Scene:
     def corners(self) -> Floats:
         """(t, 3, 3) float32: the three corner positions of every triangle."""
         return self.positions[self.triangles]
+
+    def object_numbers(self) -> Ints:
+        """The triangles' objects numbered from 0 in the order of ``object_ids``, (t,) int32."""
+        numbers = np.unique(self.object_ids, return_inverse=True)[1]
+        return numbers.reshape(-1).astype(np.int32)
 
     def lights_at(self, frame: int) -> tuple[Light, ...]:
         """The lights in ``frame``."""

@@ -89,7 +89,8 @@ def load_obj(path: Path) -> Content:
         warnings.append(
             f"{counted(plain.ignored_lines, 'line')} of points, lines or curves ignored"
         )
-    return Content(parts, materials, textures, warnings=tuple(warnings))
+    names = tuple(group_numbers)
+    return Content(parts, materials, textures, object_names=names, warnings=tuple(warnings))
 
 
 def _text(path: Path) -> str:

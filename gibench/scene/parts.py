@@ -6,6 +6,7 @@ many contents into the arrays of a ``Scene``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -63,6 +64,7 @@ class Content:
         textures: what the materials refer to.
         lights: the file's lights, in the file's world space.
         cameras: the file's cameras, in the file's world space.
+        object_names: by ``Part.object_id``; "" where an object has none.
         warnings: what was ignored, one line each, with counts.
     """
 
@@ -71,6 +73,7 @@ class Content:
     textures: tuple[Texture, ...] = ()
     lights: tuple[Light, ...] = ()
     cameras: tuple[Camera, ...] = ()
+    object_names: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
 
     def transformed(self, matrix: Array) -> Content:
@@ -149,6 +152,16 @@ def _transform_camera(camera: Camera, matrix: Array) -> Camera:
     )
 
 
+def turn_about(axis: int, degrees: float) -> Array:
+    """The rotation (3, 3) about axis number ``axis``."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    matrix = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix[i, i] = matrix[j, j] = c
+    matrix[i, j], matrix[j, i] = -s, s
+    return matrix
+
+
 def _cofactors(linear: Array) -> Array:
     a, b, c = linear.T
     return np.stack((np.cross(b, c), np.cross(c, a), np.cross(a, b)), axis=1)
@@ -161,6 +174,7 @@ def join_contents(contents: Iterable[Content]) -> Content:
     textures: list[Texture] = []
     lights: list[Light] = []
     cameras: list[Camera] = []
+    names: list[str] = []
     warnings: list[str] = []
     next_object = 0
     for content in contents:
@@ -172,7 +186,9 @@ def join_contents(contents: Iterable[Content]) -> Content:
                     object_id=part.object_id + next_object,
                 )
             )
-        next_object = max([next_object, *(part.object_id + 1 for part in parts)])
+        first, next_object = next_object, max([next_object, *(p.object_id + 1 for p in parts)])
+        names += content.object_names[: next_object - first]
+        names += [""] * (next_object - len(names))
         # One image read for several meshes is one texture.
         places: list[int] = []
         for image in content.textures:
@@ -194,6 +210,7 @@ def join_contents(contents: Iterable[Content]) -> Content:
         tuple(textures),
         tuple(lights),
         tuple(cameras),
+        tuple(names),
         tuple(warnings),
     )
 

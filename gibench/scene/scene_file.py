@@ -36,7 +36,8 @@ from gibench.scene.model import (
     SpotLight,
     Texture,
 )
-from gibench.scene.parts import Array, Content, Part, join_contents, unit
+from gibench.scene.motion_file import read_motions
+from gibench.scene.parts import Array, Content, Part, join_contents, turn_about, unit
 from gibench.scene.shapes import SHAPES
 from gibench.scene.textures import UnreadableImage, texture_from_bytes
 from gibench.scene.toml_table import Table
@@ -45,10 +46,10 @@ SCHEMA_VERSION = 1
 
 _TOP_KEYS = (
     "schema_version", "name", "receivers", "mesh", "light", "environment", "camera", "probes",
-    "region",
+    "region", "motion",
 )  # fmt: skip
 _MESH_KEYS = (
-    "file", "shape", "scale", "rotate_degrees", "translate", "matrix", "flip", "base_color",
+    "name", "file", "shape", "scale", "rotate_degrees", "translate", "matrix", "flip", "base_color",
     "emission", "texture",
 )  # fmt: skip
 _LIGHT_KEYS = {
@@ -133,7 +134,8 @@ def scene_from_toml(text: str, *, where: object, folder: Path) -> Scene:
         read_region(entry, label=f"[[region]] {i}", where=where)
         for i, entry in enumerate(_tables(top, "region"), 1)
     ]
-    scene = replace(scene, regions=tuple(regions))
+    motions = read_motions(entries.get("motion", []), where)
+    scene = replace(scene, regions=tuple(regions), motions=motions)
     if "probes" in top:
         probes = _probes(
             Table(entries["probes"], "[probes]", where, ("count", "positions")), folder
@@ -244,7 +246,11 @@ def _mesh(table: Table, folder: Path, images: dict[Path, Texture]) -> Content:
     if "file" in table:
         content = read_mesh(_beside(table, "file", folder))
     else:
-        content = Content((SHAPES[table.choice("shape", tuple(SHAPES))](),))
+        shape = table.choice("shape", tuple(SHAPES))
+        content = Content((SHAPES[shape](),), object_names=(shape,))
+    if "name" in table:  # for all of it
+        objects = 1 + max((part.object_id for part in content.parts), default=0)
+        content = replace(content, object_names=(table.text("name"),) * objects)
     content = content.transformed(_matrix(table))
     if table.flag("flip"):
         content = replace(content, parts=tuple(_flipped(part) for part in content.parts))
@@ -292,14 +298,7 @@ def _matrix(table: Table) -> Array:
     if "matrix" in table:
         if steps:
             table.fail("matrix", f"give either matrix or {', '.join(steps)}")
-        rows = table.entries["matrix"]
-        if isinstance(rows, list) and len(rows) == 4 and all(isinstance(r, list) for r in rows):
-            rows = [x for row in rows for x in row]
-        flat = Table({"matrix": rows}, table.label, table.where, ("matrix",)).numbers("matrix", 16)
-        matrix = np.array(flat).reshape(4, 4)
-        if not np.array_equal(matrix[3], [0, 0, 0, 1]):
-            table.fail("matrix", "its last row must be 0, 0, 0, 1 (row-major)")
-        return matrix
+        return table.matrix("matrix")
     scale = table.entries.get("scale", 1.0)
     factors = (
         [table.number("scale", 1.0)] * 3
@@ -310,19 +309,10 @@ def _matrix(table: Table) -> Array:
         table.fail("scale", "give factors that are not zero")
     linear = np.diag(factors)
     for axis, degrees in enumerate(table.vector("rotate_degrees", (0.0, 0.0, 0.0))):
-        linear = _turn(axis, degrees) @ linear
+        linear = turn_about(axis, degrees) @ linear
     matrix = np.eye(4)
     matrix[:3, :3] = linear
     matrix[:3, 3] = table.vector("translate", (0.0, 0.0, 0.0))
-    return matrix
-
-
-def _turn(axis: int, degrees: float) -> Array:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    matrix = np.eye(3)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    matrix[i, i] = matrix[j, j] = c
-    matrix[i, j], matrix[j, i] = -s, s
     return matrix
 
 

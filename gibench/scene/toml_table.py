@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
+import numpy as np
+import numpy.typing as npt
+
 from gibench.errors import BadInput
 from gibench.scene.model import Vec3
 
@@ -113,6 +116,17 @@ class Table:
         ):
             self.fail(key, f"give a list of {count} numbers")
         return [float(x) for x in value]
+
+    def matrix(self, key: str) -> npt.NDArray[np.float64]:
+        """An affine (4, 4) matrix, row-major: 4 lists of 4 numbers, or 16 numbers."""
+        rows = self.entries[key]
+        if isinstance(rows, list) and len(rows) == 4 and all(isinstance(r, list) for r in rows):
+            rows = [x for row in rows for x in row]
+        flat = Table({key: rows}, self.label, self.where, (key,)).numbers(key, 16)
+        matrix = np.array(flat).reshape(4, 4)
+        if not np.array_equal(matrix[3], [0, 0, 0, 1]):
+            self.fail(key, "its last row must be 0, 0, 0, 1 (row-major)")
+        return matrix
 
 
 def _is_number(value: Any) -> bool:

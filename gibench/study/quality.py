@@ -24,7 +24,7 @@ from gibench.study.errors import METRICS, Truth, bias_of_covered, errors
 from gibench.study.frozen import FrozenShared
 from gibench.study.receivers_file import read_reference
 from gibench.study.regions import WHOLE, Mask, read_regions
-from gibench.study.settle import Settled, SettleOptions, settle
+from gibench.study.settle import Settled, SettleOptions, refuse_motion, settle
 from gibench.study.through_camera import view
 
 DEFAULT_TARGET_ERROR = 0.02
@@ -128,8 +128,10 @@ def check_views(
 
     Raises:
         BadInput: naming it.
+        CannotRun: objects move.
     """
     check_target_error(options.target_error)
+    refuse_motion(options.loop)
     for configuration in configurations:
         scene = shared.scene(configuration.scene)
         camera = choose_camera(scene, options.loop.camera)

@@ -90,6 +90,7 @@ def settle(
         CannotRun: the profile, device or budget forbids it or one of its passes.
         GibenchError: a pass failed, or the irradiance is not finite.
     """
+    refuse_motion(loop)
     scene = shared.scene(configuration.scene)
     result = ConfigurationResult(configuration, scene.name)
     device, technique = set_up(result, loop, shared, cl_device)
@@ -120,6 +121,20 @@ def settle(
         *(result, lightmap, irradiance, covered),
         *(frames, watch.settled, watch.change, summarize(warm)),
     )
+
+
+def refuse_motion(loop: LoopOptions) -> None:
+    """Refuse objects that move: nothing settles, and there is no truth to settle on.
+
+    Raises:
+        CannotRun: they do.
+    """
+    if loop.motion.moves:
+        raise CannotRun(
+            "light settles, and has a path-traced truth, only where all objects rest",
+            where="--motion",
+            mend="leave it out, or measure times with gibench run --motion",
+        )
 
 
 @dataclass

@@ -44,6 +44,7 @@ class Direct:
             context.height,
             context.camera,
             flight=context.flight,
+            motion=context.motion,
         )
 
     @property
@@ -92,5 +93,6 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Direct,
     memory_floor=_memory_floor,
+    follows_motion=True,
     memory_options=("--resolution",),
 )

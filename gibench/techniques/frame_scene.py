@@ -24,8 +24,10 @@ from gibench.scene.model import (
     Scene,
     SpotLight,
 )
+from gibench.scene.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
-from gibench.techniques.technique import Argument
+from gibench.techniques.moving_geometry import TRANSFORM_FLOATS, MovingGeometry, transform_table
+from gibench.techniques.technique import Argument, Pass
 
 LIGHT_FLOATS = 12  # kernels_cl/common/lights.cl
 CAMERA_FLOATS = 12  # kernels_cl/common/camera.cl
@@ -93,7 +95,13 @@ def pack_textures(scene: Scene) -> tuple[Ints, npt.NDArray[np.uint8]]:
     return table, texels
 
 
-def frame_scene_bytes(scene: Scene, width: int, height: int, bvh: Bvh | None = None) -> int:
+def frame_scene_bytes(
+    scene: Scene,
+    width: int,
+    height: int,
+    bvh: Bvh | None = None,
+    motion: MovingObjects | None = None,
+) -> int:
     """Bytes that a :class:`FrameScene` takes.
 
     Args:
@@ -102,12 +110,17 @@ def frame_scene_bytes(scene: Scene, width: int, height: int, bvh: Bvh | None = N
         height: of the image, pixels.
         bvh: its tree; without it, the tree counts as its full leaf blocks alone (8 triangles in
             320 bytes, kernels_cl/common/bvh.cl), a lower bound.
+        motion: what moves in it; nothing of this is counted at rest.
     """
     vertices, triangles = len(scene.positions), len(scene.triangles)
     tree = -(-triangles // 8) * 320 if bvh is None else bvh.nodes.nbytes + bvh.blocks.nbytes
     texels = sum(t.pixels.shape[0] * t.pixels.shape[1] for t in scene.textures)
+    moving = 0
+    if motion is not None:
+        moving = 4 * TRANSFORM_FLOATS * motion.objects + MovingGeometry.bytes_of(scene, motion, bvh)
     return int(
         tree
+        + moving
         + 4 * (8 * vertices + 4 * triangles)
         + 4 * (MATERIAL_FLOATS + 3) * len(scene.materials)
         + 4 * texels
@@ -134,6 +147,7 @@ class FrameScene:
         camera: the view, at rest.
         bvh: the scene's tree, where it is already built.
         flight: that takes the camera along; None where it rests.
+        motion: of its objects; None where they rest.
 
     Attributes:
         camera: the view of the frame last begun.
@@ -151,21 +165,25 @@ class FrameScene:
         camera: Camera,
         bvh: Bvh | None = None,
         flight: Flight | None = None,
+        motion: MovingObjects | None = None,
     ) -> None:
         self.device, self.scene = device, scene
         self.camera = self._resting = camera
-        self._flight = flight
+        self._flight, self._motion = flight, motion
         self.width, self.height = width, height
         self.bvh = build_bvh(scene.corners) if bvh is None else bvh
         tree = DeviceBvh.upload(device, self.bvh)
         materials = np.array([(*m.base_color, *m.emission) for m in scene.materials], np.float32)
         textures, texels = pack_textures(scene)
         self.bvh_args: tuple[Buffer, ...] = tree.args
+        positions = device.upload("positions", scene.positions)
+        normals = device.upload("normals", scene.normals)
+        triangles = device.upload("triangles", scene.triangles)
         self.surface_args: tuple[Buffer, ...] = (
-            device.upload("positions", scene.positions),
-            device.upload("normals", scene.normals),
+            positions,
+            normals,
             device.upload("uvs", scene.uvs),
-            device.upload("triangles", scene.triangles),
+            triangles,
             device.upload("material_ids", scene.material_ids),
             device.upload("materials", materials),
             device.upload("material_textures", textures),
@@ -184,15 +202,48 @@ class FrameScene:
         self._view = device.upload("camera", camera_table(camera, width, height))
         self.camera_args: tuple[Argument, ...] = (self._view, np.int32(width), np.int32(height))
         self.image = device.empty("image", (height, width, 3), np.float32)
+        self._transforms: Buffer | None = None
+        self._moving: MovingGeometry | None = None
+        if motion is not None:
+            geometry = (positions, normals, triangles)
+            self._moving = MovingGeometry.create(
+                device, scene, motion, tree, self.object_transforms(), *geometry
+            )
 
     @property
     def nbytes(self) -> int:
         """Bytes it takes on the device, in closed form."""
-        return frame_scene_bytes(self.scene, self.width, self.height, self.bvh)
+        known = frame_scene_bytes(self.scene, self.width, self.height, self.bvh, self._motion)
+        at_rest = self._motion is None and self._transforms is not None
+        return known + (4 * TRANSFORM_FLOATS * self.objects if at_rest else 0)
+
+    @property
+    def objects(self) -> int:
+        """Number of objects, moving or not."""
+        return len(np.unique(self.scene.object_ids))
+
+    def object_transforms(self) -> Buffer:
+        """Every object's transform from object space to the world in the frame last begun, 3 x 4
+        row-major, (objects, 12) float32, in the order of :meth:`Scene.object_numbers`; on the
+        device from the first time it is asked for.
+
+        Raises:
+            CannotRun: it does not fit the device's profile.
+        """
+        if self._transforms is None:
+            at_rest = np.tile(np.eye(3, 4, dtype=np.float32), (self.objects, 1, 1))
+            self._transforms = self.device.upload("object_transforms", transform_table(at_rest))
+        return self._transforms
+
+    def passes(self) -> list[Pass]:
+        """The passes that move its objects, which come before all others; none at rest."""
+        return [] if self._moving is None else self._moving.passes()
 
     def begin_frame(self, frame: int) -> None:
-        """Move lights and camera to where they are in ``frame``."""
+        """Move lights and camera to where they are in ``frame``, and tell where the objects are."""
         self.device.write(self._lights, light_table(self.scene.lights_at(frame)))
+        if self._moving is not None and self._motion is not None:
+            self._moving.move(self._motion.transforms_in(frame))
         if self._flight is not None:
             self._see(self._flight.camera_in(frame, self._resting))
 

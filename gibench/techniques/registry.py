@@ -13,6 +13,7 @@ from gibench.device import Device
 from gibench.errors import BadInput
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
+from gibench.scene.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
 from gibench.techniques.technique import Technique
 
@@ -56,6 +57,7 @@ class CreateContext:
         camera: the view.
         seed: of every random choice.
         flight: that the camera takes; None where it rests.
+        motion: of the scene's objects; None where they rest.
     """
 
     device: Device
@@ -70,6 +72,7 @@ class CreateContext:
     camera: Camera
     seed: int = 0
     flight: Flight | None = None
+    motion: MovingObjects | None = None
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,8 @@ class TechniqueSpec:
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
         check: refuses settings that do not suit a scene (BadInput), told before anything long.
+        follows_motion: whether it renders objects that move; what holds only for the scene at rest
+            (a bake) does not.
         memory_options: what on the command line lowers its memory, for messages; its receivers
             are on the device only where ``--receivers`` is among them.
     """
@@ -103,6 +108,7 @@ class TechniqueSpec:
     memory_floor: Callable[[Scene, int, Any, int, int], int]
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = field(default=lambda scene: {})
     check: Callable[[Scene, Any], None] = field(default=lambda scene, settings: None)
+    follows_motion: bool = False
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
     def settings(self, values: Mapping[str, Any]) -> Any:

@@ -1,4 +1,6 @@
-"""Passes that more than one technique runs: lightmap update, dilation, forward render."""
+"""Passes that more than one technique runs: moving objects, lightmap update, dilation, forward
+render.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +14,20 @@ from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
 from gibench.scene.model import DirectionalLight
 from gibench.techniques.frame_scene import FrameLightmap, FrameScene, border_texels
 from gibench.techniques.launching import prepare_launch
-from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Work
+from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Technique, Work
 
 SHOW_DIRECT = 1  # kernels_cl/common/show.cl
 SHOW_INDIRECT = 2
 TILE_SIDE = 8  # kernels_cl/common/sampling.cl
+
+
+def frame_passes(technique: Technique) -> list[Pass]:
+    """All passes of a frame in order: first those that move the scene's objects, which every
+    technique with a :class:`FrameScene` called ``scene`` gets from it, then the technique's own.
+    """
+    scene = getattr(technique, "scene", None)
+    moved = scene.passes() if isinstance(scene, FrameScene) else []
+    return [*moved, *technique.passes()]
 
 
 def lightmap_update(

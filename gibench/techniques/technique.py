@@ -111,7 +111,9 @@ class Technique(Protocol):
     device: Device
 
     def passes(self) -> Sequence[Pass]:
-        """The passes of a frame, in order."""
+        """Its own passes of a frame, in order; those that move a scene's objects come before them
+        (:func:`gibench.techniques.shared_passes.frame_passes`).
+        """
         ...
 
     def begin_frame(self, frame: int) -> None:

@@ -51,10 +51,10 @@ __kernel void coverage(__global const float4 *g_position, __global const float4 
 
 // placement: one work-group for all tiles. Where a tile's least coverage is under the threshold (in
 // steps), a surfel is placed on that pixel with a chance (of 2^32), as long as IDs are free.
-// inverses: (objects, 12) world to object. births: a number for each surfel's random choices.
+// transforms: (objects, 12) object to world, rigid. births: a number for each surfel's random choices.
 __kernel void placement(__global const uint *frame, __global const uint *least, int width,
                         int height, uint threshold, uint chance, __global const float4 *g_position,
-                        __global const float4 *g_normal, __global const float *inverses,
+                        __global const float4 *g_normal, __global const float *transforms,
                         __global uint *counters, __global const uint *free_ids,
                         __global uint *alive_ids, __global int *object_ids,
                         __global float *local_position, __global float *local_normal,
@@ -81,13 +81,14 @@ __kernel void placement(__global const uint *frame, __global const uint *least, 
             const float4 p = g_position[y * width + x];
             const float3 n = g_normal[y * width + x].xyz;
             const int object = as_int(p.w);
-            __global const float *m = inverses + 12 * (object - 1);
-            const float3 mx = (float3)(m[0], m[4], m[8]), my = (float3)(m[1], m[5], m[9]);
-            const float3 mz = (float3)(m[2], m[6], m[10]);
+            // The inverse: the rotation's rows are its columns.
+            __global const float *m = transforms + 12 * (object - 1);
+            const float3 mx = (float3)(m[0], m[1], m[2]), my = (float3)(m[4], m[5], m[6]);
+            const float3 mz = (float3)(m[8], m[9], m[10]);
+            const float3 d = p.xyz - (float3)(m[3], m[7], m[11]);
             alive_ids[alive + rank] = id;
             object_ids[id] = object;
-            surfel_store3(local_position, id, mx * p.x + my * p.y + mz * p.z +
-                                                  (float3)(m[3], m[7], m[11]));
+            surfel_store3(local_position, id, mx * d.x + my * d.y + mz * d.z);
             surfel_store3(local_normal, id, mx * n.x + my * n.y + mz * n.z);
             births[id] = random.y;
             seen[id] = frame[FRAME_NUMBER];

@@ -29,6 +29,11 @@ def names() -> list[str]:
     return list(_MAKERS)
 
 
+def moving_names() -> list[str]:
+    """Those of them whose objects have motions."""
+    return [name for name in names() if read_settings(name).motions]
+
+
 def build(name: str) -> Scene:
     """The built-in scene called ``name``; the same one, bit for bit, every time.
 

@@ -24,6 +24,8 @@ from gibench.scene.model import (
     Texture,
     Vec3,
 )
+from gibench.scene.motion import Motion
+from gibench.scene.motion_file import read_motions
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Settings:
         regions: of its images.
         materials: albedo (and texture) by name.
         textures: in the order the materials count them.
+        motions: of its objects.
         geometry: everything else in the file.
     """
 
@@ -52,6 +55,7 @@ class Settings:
     regions: tuple[Region, ...]
     materials: dict[str, Material]
     textures: tuple[Texture, ...]
+    motions: tuple[Motion, ...]
     geometry: dict[str, Any] = field(repr=False)
 
 
@@ -88,6 +92,7 @@ def read_settings(name: str) -> Settings:
         regions=tuple(_region(region) for region in table.pop("regions", ())),
         materials=materials,
         textures=tuple(textures),
+        motions=read_motions(table.pop("motion", []), f"{name}.toml"),
         geometry=table,
     )
 
@@ -151,4 +156,6 @@ def assemble(settings: Settings, parts: list[Part]) -> Scene:
         probes=ProbeSettings(settings.probes),
         receivers=settings.receivers,
         regions=settings.regions,
+        object_names=tuple(objects),
+        motions=settings.motions,
     )

@@ -44,6 +44,7 @@ SPEC = TechniqueSpec(
     bake=_bake,
     create=Ddgi,
     memory_floor=_memory_floor,
+    follows_motion=True,
     sweep=_sweep,
     check=_check,
     memory_options=("--probes", "--set ddgi.rays", "--resolution"),

@@ -49,6 +49,7 @@ class Ddgi:
             context.height,
             context.camera,
             flight=context.flight,
+            motion=context.motion,
         )
         self.probes = Probes.create(device, settings, volume, context.seed)
         tuned = context.variant == TUNED

@@ -20,7 +20,7 @@ def _no_bake(context: BakeContext) -> None:
 def _memory_floor(
     scene: Scene, receivers: int, settings: GibsSettings, width: int, height: int
 ) -> int:
-    own = Surfels.bytes_of(settings, 1, 4096) + CameraView.bytes_of(
+    own = Surfels.bytes_of(settings, 4096) + CameraView.bytes_of(
         len(scene.triangles), width, height
     )
     return frame_scene_bytes(scene, width, height) + own
@@ -34,6 +34,7 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Gibs,
     memory_floor=_memory_floor,
+    follows_motion=True,
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=lambda scene: {"rays_per_surfel": (1.0, 4.0)},
 )

@@ -64,19 +64,13 @@ class CameraView:
             direct=image("direct", 3),
             indirect=image("indirect", 4),
             least=device.empty("tile_least", tiles_of(width, height), np.uint32),
-            object_of=device.upload("triangle_objects", compact_objects(scene)),
+            object_of=device.upload("triangle_objects", scene.object_numbers()),
         )
 
     @staticmethod
     def bytes_of(triangles: int, width: int, height: int) -> int:
         """Bytes it takes, in closed form."""
         return 4 * (19 * width * height + tiles_of(width, height) + triangles)
-
-
-def compact_objects(scene: Scene) -> np.ndarray[tuple[int], np.dtype[np.int32]]:
-    """The triangles' objects numbered from 0 in ascending order of ``scene.object_ids``, (t,)."""
-    numbers = np.unique(scene.object_ids, return_inverse=True)[1]
-    return numbers.reshape(-1).astype(np.int32)
 
 
 def tiles_of(width: int, height: int) -> int:
@@ -260,7 +254,7 @@ class FramePasses:
             np.uint32(chance),
             v.position,
             v.normal,
-            s.inverses,
+            g.transforms,
             s.counters,
             s.free_ids,
             g.alive_ids,

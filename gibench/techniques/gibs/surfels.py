@@ -38,7 +38,6 @@ class Surfels:
         geometry: what sorting works on.
         estimator: (12, n) float32 multi-scale mean estimators (kernels_cl/gibs/estimator.cl);
             ``geometry.mean`` is the same buffer.
-        inverses: (objects, 12) float32 world to object.
         births: (n,) uint32 a number for each surfel's random choices.
         seen: (n,) uint32 the frame each was last seen in.
         moments: (n, 48) float32 depth moments; one surfel's when they are off.
@@ -57,7 +56,6 @@ class Surfels:
 
     geometry: SurfelGeometry
     estimator: Buffer
-    inverses: Buffer
     births: Buffer
     seen: Buffer
     moments: Buffer
@@ -75,15 +73,15 @@ class Surfels:
 
     @staticmethod
     def create(
-        device: Device, settings: GibsSettings, objects: int, workgroup_size: int
+        device: Device, settings: GibsSettings, transforms: Buffer, workgroup_size: int
     ) -> Surfels:
-        """Room for ``settings.surfels`` surfels, none placed, on ``objects`` objects at rest.
+        """Room for ``settings.surfels`` surfels, none placed, that go with their objects, whose
+        ``transforms`` (objects, 12) to the world are not its own.
 
         Raises:
             CannotRun: it does not fit the device's profile.
         """
         n, rays = settings.surfels, most_rays(settings)
-        identity = np.tile(np.eye(3, 4, dtype=np.float32).reshape(1, 12), (objects, 1))
         counters = np.zeros(COUNT_WORDS, np.uint32)
         counters[COUNT_FREE] = n
 
@@ -98,7 +96,7 @@ class Surfels:
             frame=words("frame", FRAME_WORDS),
             alive_ids=words("alive_ids", n),
             object_ids=device.empty("surfel_object_ids", n, np.int32),
-            transforms=device.upload("object_transforms", identity),
+            transforms=transforms,
             local_position=floats("local_position", 3, n),
             local_normal=floats("local_normal", 3, n),
             world_position=floats("world_position", 3, n),
@@ -110,7 +108,6 @@ class Surfels:
         return Surfels(
             geometry=geometry,
             estimator=estimator,
-            inverses=device.upload("object_inverses", identity),
             births=words("births", n),
             seen=words("seen", n),
             moments=floats("moments", n if settings.depth_moments else 1, MOMENT_FLOATS),
@@ -131,11 +128,11 @@ class Surfels:
         )
 
     @staticmethod
-    def bytes_of(settings: GibsSettings, objects: int, workgroup_size: int) -> int:
-        """Bytes it takes, in closed form."""
+    def bytes_of(settings: GibsSettings, workgroup_size: int) -> int:
+        """Bytes it takes, in closed form, without the transforms."""
         n, rays = settings.surfels, most_rays(settings)
         per_surfel = 2 + 12 + 1 + 1 + ESTIMATOR_ROWS + 2 + 1 + 1 + 1 + 1 + 1
-        words = n * per_surfel + 2 + FRAME_WORDS + COUNT_WORDS + 2 * 12 * objects
+        words = n * per_surfel + 2 + FRAME_WORDS + COUNT_WORDS
         words += MOMENT_FLOATS * (n if settings.depth_moments else 1)
         words += GUIDE_FLOATS * (n if settings.ray_guiding else 1)
         words += max(BlockScan.blocks(n, workgroup_size), 1) + 7 * rays

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.device import Buffer
-from gibench.errors import BadInput, CannotRun
+from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.gibs.grid import (
@@ -66,7 +66,6 @@ class Gibs:
         published = context.variant == PUBLISHED
         self._refuse_too_many(published)
         grid = grid_of(scene, settings)
-        objects = len(np.unique(scene.object_ids))
         self.scene = FrameScene(
             context.device,
             scene,
@@ -74,8 +73,11 @@ class Gibs:
             context.height,
             context.camera,
             flight=context.flight,
+            motion=context.motion,
         )
-        self.surfels = Surfels.create(context.device, settings, objects, size)
+        self.surfels = Surfels.create(
+            context.device, settings, self.scene.object_transforms(), size
+        )
         entries = entries_of(settings, published)
         self.grid = SurfelGrid(
             context.device,
@@ -107,10 +109,7 @@ class Gibs:
     @property
     def nbytes(self) -> int:
         """Bytes of device memory it takes, in closed form; receivers come when asked for."""
-        bvh = frame_scene_bytes(
-            self.scene.scene, self.scene.width, self.scene.height, self.scene.bvh
-        )
-        return bvh + own_bytes(self._context)
+        return self.scene.nbytes + own_bytes(self._context)
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order. Before any frame no surfel is alive: what they do is
@@ -160,7 +159,7 @@ class Gibs:
         )
 
     def begin_frame(self, frame: int) -> None:
-        """Move lights and camera, and tell the device what the frame is."""
+        """Move lights, camera and objects, and tell the device what the frame is."""
         self.scene.begin_frame(frame)
         camera = self.scene.camera
         self.device.write(self.grid.table, self.grid.grid.table(camera.position))
@@ -172,31 +171,6 @@ class Gibs:
     def look_from(self, camera: Camera) -> None:
         """See the scene from ``camera`` wherever there is no flight."""
         self.scene.look_from(camera)
-
-    def move_object(self, number: int, transform: npt.NDArray[np.floating]) -> None:
-        """Put an object's surfels elsewhere: they move with it from the next frame on.
-
-        Args:
-            number: the object, from 0, in ascending order of ``Scene.object_ids``.
-            transform: (3, 4) object to world, a rotation and a translation.
-
-        Raises:
-            BadInput: there is no such object, or the transform is not rigid.
-        """
-        transforms = self.surfels.geometry.transforms
-        if not 0 <= number < transforms.shape[0]:
-            raise BadInput(
-                f"no object number {number}", mend=f"the scene has {transforms.shape[0]}, from 0"
-            )
-        matrix = np.asarray(transform, np.float64)
-        turn = matrix[:, :3] if matrix.shape == (3, 4) else np.zeros((3, 3))
-        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-5):
-            raise BadInput("an object's transform is not a rotation and a translation")
-        inverse = np.concatenate([turn.T, -turn.T @ matrix[:, 3:]], axis=1)
-        for buffer, value in ((transforms, matrix), (self.surfels.inverses, inverse)):
-            table = self.device.read(buffer)
-            table[number] = value.reshape(12)
-            self.device.write(buffer, table)
 
     def images(self) -> dict[str, FloatArray]:
         """The last frame, its direct and its indirect part, (h, w, 3) W/m2/sr, and the surfels'
@@ -304,10 +278,9 @@ def own_bytes(context: CreateContext) -> int:
     settings: GibsSettings = context.settings
     published, size = context.variant == PUBLISHED, context.workgroup_size
     grid = grid_of(context.scene, settings)
-    objects = len(np.unique(context.scene.object_ids))
     triangles = len(context.scene.triangles)
     return (
-        Surfels.bytes_of(settings, objects, size)
+        Surfels.bytes_of(settings, size)
         + SurfelGrid.bytes_of(
             context.device, grid, published, entries_of(settings, published), size
         )
