@@ -25,7 +25,15 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 def create(
-    scene, settings, variant="tuned", size=64, lightmap=None, image=(24, 16), flight=None, **device
+    scene,
+    settings,
+    variant="tuned",
+    size=64,
+    lightmap=None,
+    image=(24, 16),
+    flight=None,
+    motion=None,
+    **device,
 ):
     """The technique on a fresh device; ``settings`` by name."""
     chosen = SPEC.settings(settings)
@@ -36,7 +44,9 @@ def create(
     opened = open_device(**device)
     sizes = (variant, size, *image)
     return Ddgi(
-        CreateContext(opened, scene, lightmap, chosen, volume, *sizes, camera, flight=flight)
+        CreateContext(
+            opened, scene, lightmap, chosen, volume, *sizes, camera, flight=flight, motion=motion
+        )
     )
 
 

@@ -13,6 +13,7 @@ from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.gibs import SPEC
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.shared_passes import frame_passes
 
 
 def box_parts(low, high, inwards):
@@ -88,10 +89,11 @@ def gibs(scene, variant=TUNED, size=64, width=64, height=48, seed=3, profile=Non
         settings.pop("rest_frames", 60),
         settings.pop("flight_frames", 240),
     ).of(scene, scene.cameras[0])
+    motion = settings.pop("motion", None)
     profile = profile or replace(load_profile("vega56"), simd_width=1, max_workgroup_size=4096)
     sizes = (variant, size, width, height)
     context = CreateContext(Device(profile), scene, no_receivers(), SPEC.settings(settings), None,
-                            *sizes, scene.cameras[0], seed, flown)  # fmt: skip
+                            *sizes, scene.cameras[0], seed, flown, motion)  # fmt: skip
     return SPEC.create(context)
 
 
@@ -102,7 +104,7 @@ class Frames:
         self.technique = technique
         self.launches = {
             item.name: [prepare_launch(technique.device, one, size) for one in item.launches()]
-            for item in technique.passes()
+            for item in frame_passes(technique)
         }
         self.next = 0
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gibench.rays.bvh_wide import WIDTH
 from gibench.rays.tracer import Hits
 
 # Half a unit in the last place of 1.0f.
@@ -232,3 +233,39 @@ def sphere(rings, segments):
     upper = np.stack([grid[:-1], nxt[1:], grid[1:]], axis=2)[:-1].reshape(-1, 3, 3)
     lower = np.stack([grid[:-1], nxt[:-1], nxt[1:]], axis=2)[1:].reshape(-1, 3, 3)
     return np.concatenate([upper, lower])
+
+
+def walk(bvh, corners):
+    """Visit the whole tree as the kernel does; every triangle's leaf bounds must hold it."""
+    nodes = bvh.nodes.reshape(-1, 7, WIDTH)
+    children = nodes[:, 6].copy().view(np.int32)
+    blocks = bvh.blocks.reshape(-1, 10, WIDTH)
+    ids = blocks[:, 9].copy().view(np.int32)
+    seen = []
+    deepest = 0
+    stack = [(0, 1, np.full(3, -np.inf), np.full(3, np.inf))]
+    visited = 0
+    while stack:
+        node, depth, low, high = stack.pop()
+        visited += 1
+        deepest = max(deepest, depth)
+        for slot in range(WIDTH):
+            lower, upper = nodes[node, 0:6:2, slot], nodes[node, 1:6:2, slot]
+            if lower[0] == np.inf:
+                assert np.all(upper == -np.inf)
+                continue
+            assert np.all(lower >= low) and np.all(upper <= high)
+            child = children[node, slot]
+            if child >= 0:
+                stack.append((child, depth + 1, lower, upper))
+                continue
+            first, count = ~child >> 2, (~child & 3) + 1
+            for block in range(first, first + count):
+                for lane in np.flatnonzero(ids[block] >= 0):
+                    triangle = ids[block, lane]
+                    stored = blocks[block, :9, lane].reshape(3, 3)
+                    assert np.array_equal(stored, corners[triangle])
+                    assert np.all(stored.min(0) >= lower) and np.all(stored.max(0) <= upper)
+                    seen.append(int(triangle))
+    assert visited == bvh.node_count
+    return seen, deepest

@@ -16,10 +16,10 @@ from gibench.device.build import vector_width
 
 sys.path.insert(0, str(SCRIPTS))
 
-from cases import BAKES, FRAMES, OTHERS, Case
+from cases import BAKES, FRAMES, MOVING, OTHERS, Case
 from recording import all_kernels
 
-CASES = [*BAKES, *FRAMES, *OTHERS]
+CASES = [*BAKES, *FRAMES, *MOVING, *OTHERS]
 
 
 def arguments(cache: Path, *cases: Case) -> list[str]:

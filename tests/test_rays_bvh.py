@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rays_oracle import box, closest_float64, soup
+from rays_oracle import box, closest_float64, soup, walk
 
 from gibench.device import Device, kernel_source
 from gibench.errors import BadInput
@@ -11,42 +11,6 @@ from gibench.rays.bvh import BLOCK_FLOATS, NODE_FLOATS, STACK_ENTRIES, build_bvh
 from gibench.rays.bvh_sah import build_binary
 from gibench.rays.bvh_wide import WIDTH, half_area
 from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
-
-
-def walk(bvh, corners):
-    """Visit the whole tree as the kernel does; every triangle's leaf bounds must hold it."""
-    nodes = bvh.nodes.reshape(-1, 7, WIDTH)
-    children = nodes[:, 6].copy().view(np.int32)
-    blocks = bvh.blocks.reshape(-1, 10, WIDTH)
-    ids = blocks[:, 9].copy().view(np.int32)
-    seen = []
-    deepest = 0
-    stack = [(0, 1, np.full(3, -np.inf), np.full(3, np.inf))]
-    visited = 0
-    while stack:
-        node, depth, low, high = stack.pop()
-        visited += 1
-        deepest = max(deepest, depth)
-        for slot in range(WIDTH):
-            lower, upper = nodes[node, 0:6:2, slot], nodes[node, 1:6:2, slot]
-            if lower[0] == np.inf:
-                assert np.all(upper == -np.inf)
-                continue
-            assert np.all(lower >= low) and np.all(upper <= high)
-            child = children[node, slot]
-            if child >= 0:
-                stack.append((child, depth + 1, lower, upper))
-                continue
-            first, count = ~child >> 2, (~child & 3) + 1
-            for block in range(first, first + count):
-                for lane in np.flatnonzero(ids[block] >= 0):
-                    triangle = ids[block, lane]
-                    stored = blocks[block, :9, lane].reshape(3, 3)
-                    assert np.array_equal(stored, corners[triangle])
-                    assert np.all(stored.min(0) >= lower) and np.all(stored.max(0) <= upper)
-                    seen.append(int(triangle))
-    assert visited == bvh.node_count
-    return seen, deepest
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 8, 9, 33, 1000])

@@ -19,8 +19,8 @@ class Case:
         what: a function of run_case.py.
         size: work-items per group; the bake's kernels have their own, of one.
         width: floats per vector.
-        technique: for ``bake`` and ``frames``.
-        variant: for ``frames``.
+        technique: for ``bake``, ``frames`` and ``moving``.
+        variant: for ``frames`` and ``moving``.
         settings: of the technique, beside run_case.SMALL.
     """
 
@@ -63,5 +63,10 @@ FRAMES = [
         for variant in spec.variants
         for settings in OTHER_SETTINGS.get(spec.name, [])
     ),
+]
+# Objects that move, and the techniques that follow them.
+MOVING = [
+    *(Case("moving", size, width, "direct", "tuned") for size, width in SIZES),
+    *(Case("moving", 16, 16, name, "tuned") for name in ("gibs", "ddgi")),
 ]
 OTHERS = [Case(what, *sizes) for what in ("roofs", "rays", "reference") for sizes in SIZES]

@@ -41,7 +41,10 @@ from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.atlas import unwrap
 from gibench.scene.builtin import build
 from gibench.scene.model import Camera
+from gibench.scene.motion import Motion, Turn
+from gibench.scene.moving_objects import MovingObjects
 from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec, find_technique
+from gibench.techniques.technique import Technique
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
 RECEIVERS, WIDTH, HEIGHT = 90, 18, 17
@@ -130,12 +133,24 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
 
 def frames(case: Case, cache: Path) -> None:
     """Create a technique, run some frames of it, draw its images and read its receivers."""
+    made = run_frames(case, cache, None)
+    made.indirect_irradiance()
+
+
+def moving(case: Case, cache: Path) -> None:
+    """The same with two objects that move: one alone in its leaves and one that is not."""
+    run_frames(case, cache, (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0))))
+
+
+def run_frames(case: Case, cache: Path, motions: tuple[Motion, ...] | None) -> Technique:
     spec, context, data = baked(case, cache)
     scene = context.scene
+    motion = None if motions is None else MovingObjects.of(scene, motions)
     made = spec.create(
         CreateContext(
             *(Device(PROFILE), scene, context.lightmap, context.settings, data),
             *(case.variant, case.size, WIDTH, HEIGHT, scene.cameras[0]),
+            motion=motion,
         )
     )
     prepared = prepare_passes(made, case.size)
@@ -145,7 +160,7 @@ def frames(case: Case, cache: Path) -> None:
     for frame in range(FRAMES):
         enqueue_frame(made, prepared, frame)
     made.images()
-    made.indirect_irradiance()
+    return made
 
 
 def roofs(case: Case, cache: Path) -> None:
