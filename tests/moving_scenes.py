@@ -106,10 +106,10 @@ def read_corners(frame_scene):
 
 
 def shaded_room():
-    """A room with a lamp under its ceiling, and a plate in a corner that can be put under the lamp:
-    most of the room is then in the shadow.
+    """A room with a lamp under its ceiling, and a black plate in a corner that can be put under the
+    lamp: most of the room is then in the shadow.
     """
-    materials = (Material("wall", (0.7, 0.7, 0.7)), Material("plate", (0.5, 0.5, 0.5)))
+    materials = (Material("wall", (0.7, 0.7, 0.7)), Material("plate", (0.02, 0.02, 0.02)))
     parts = [
         (box_parts((-1, 0, -1), (1, 2, 1), inwards=True), 0),
         (box_parts((-0.99, 0.02, -0.99), (-0.39, 0.06, -0.39), inwards=False), 1),

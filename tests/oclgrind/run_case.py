@@ -138,7 +138,7 @@ def frames(case: Case, cache: Path) -> None:
 
 
 def moving(case: Case, cache: Path) -> None:
-    """The same with two objects that move: one alone in its leaves and one that is not."""
+    """Run frames of a technique while a box and a wall turn."""
     run_frames(case, cache, (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0))))
 
 
