@@ -1,5 +1,7 @@
 """Motions of objects: their poses, their tables in TOML, the objects they name, and the command."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from moving_scenes import LEFT, crowd, furnished_room, random_motion
@@ -265,6 +267,15 @@ def test_a_file_without_motion(tmp_path, text, what):
     with pytest.raises(BadInput) as error:
         load_motions(path)
     assert what in str(error.value) and str(error.value).startswith(str(path))
+
+
+def test_the_readmes_motions_are_sound(tmp_path):
+    text = (Path(__file__).parents[1] / "README.md").read_text()
+    path = tmp_path / "motion.toml"
+    path.write_text(text.split("```toml\n")[1].split("```")[0])
+    door, crate = load_motions(path)
+    assert door == Turn("door", (0.0, 1.0, 0.0), (1.2, 0.0, -0.5), 120, 60.0)
+    assert crate.repeat and crate.positions[1] == (0.0, 0.4, 0.0)
 
 
 def test_a_scene_file_describes_motions_of_meshes_by_name(tmp_path):

@@ -1,4 +1,4 @@
-"""Scene TOML: mesh files with transforms, lights, environment, cameras and probe settings.
+"""Scene TOML: mesh files with transforms, lights, environment, cameras, probe settings, motions.
 
 ``scenes/modern-hall.example.toml`` shows most of it. Paths are relative to the TOML's folder.
 Without ``[[light]]``, ``[environment]`` and ``[[camera]]`` the mesh files' own are used, and where
