@@ -7,14 +7,16 @@ where it was in the frame before: rounding does not add up.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from gibench.errors import BadInput
 
@@ -123,9 +125,20 @@ class Keyframes:
         if self.repeat and frame > last:
             frame = first + (frame - first) % (last - first)
         at = min(max(frame, first), last)
-        position = PchipInterpolator(self.frames, np.array(self.positions))(at)
-        turn = Slerp(self.frames, Rotation.from_matrix(np.array(self.rotations)))(at)
-        return turn.as_matrix(), np.asarray(position, np.float64)
+        curve, turns, onwards = self._between
+        key = min(bisect_right(self.frames, at), len(self.frames) - 1) - 1
+        share = (at - self.frames[key]) / (self.frames[key + 1] - self.frames[key])
+        turn = turns[key] @ Rotation.from_rotvec(share * onwards[key]).as_matrix()
+        return turn, np.asarray(curve(at), np.float64)
+
+    @cached_property
+    def _between(self) -> tuple[PchipInterpolator, Doubles, Doubles]:
+        """The positions' curve, the rotations (k, 3, 3), and from each to the next one, by the
+        shorter way, a rotation vector (k - 1, 3).
+        """
+        turns = Rotation.from_matrix(np.array(self.rotations))
+        curve = PchipInterpolator(self.frames, np.array(self.positions))
+        return curve, turns.as_matrix(), (turns[:-1].inv() * turns[1:]).as_rotvec()
 
 
 Motion = Turn | Keyframes

@@ -49,8 +49,8 @@ _TOP_KEYS = (
     "region", "motion",
 )  # fmt: skip
 _MESH_KEYS = (
-    "name", "file", "shape", "scale", "rotate_degrees", "translate", "matrix", "flip", "base_color",
-    "emission", "texture",
+    "file", "shape", "scale", "rotate_degrees", "translate", "matrix", "flip", "base_color",
+    "emission", "texture", "name",
 )  # fmt: skip
 _LIGHT_KEYS = {
     "directional": ("type", "direction", "irradiance", "swing_degrees", "period_frames"),
