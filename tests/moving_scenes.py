@@ -29,10 +29,10 @@ def matrix3(matrix):
     return a, b, c
 
 
-def random_motion(name, rng, frames=4, reach=3.0):
-    """Any rigid poses, one in every frame."""
+def random_motion(name, rng, frames=4, low=(-3.0,) * 3, high=(3.0,) * 3):
+    """Any rigid poses, one in every frame, shifted by ``low`` to ``high`` m."""
     turns = Rotation.random(frames, random_state=int(rng.integers(1 << 31))).as_matrix()
-    shifts = rng.uniform(-reach, reach, (frames, 3)).tolist()
+    shifts = rng.uniform(low, high, (frames, 3)).tolist()
     return Keyframes(
         name, tuple(range(frames)), tuple(map(tuple, shifts)), tuple(map(matrix3, turns))
     )

@@ -1,6 +1,7 @@
 """Techniques on scenes that move: their passes, their images, and what cannot follow."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -71,12 +72,22 @@ def test_every_technique_that_follows_gains_the_passes_first_and_nothing_else():
 @pytest.mark.parametrize("width", widths(8, 16))
 @pytest.mark.parametrize("size", [16, 100])
 def test_direct_light_is_that_of_the_scene_as_it_lies(monkeypatch, variant, width, size):
-    """Shadows, shading normals and all, by float64 and Embree on the moved triangles."""
+    """Shadows, shading normals and all: as the same kernels have it where the moved triangles rest,
+    and by float64 and Embree.
+
+    Boxes stay 0.6 m away from the lamp: as kernels shade points a little off the surface
+    (sampling.cl), they err more the nearer it is, by at most 6e-5 m / 0.6 m of its 8 W/m2, times
+    albedo / pi.
+    """
     monkeypatch.setattr(Device, "vector_width", property(lambda self: width))
     rng = np.random.default_rng()
     scene = furnished_room()
     motion = MovingObjects.of(
-        scene, [random_motion(LEFT, rng, reach=0.5), random_motion(RIGHT, rng, reach=0.5)]
+        scene,
+        [
+            random_motion(n, rng, low=(-0.5, -0.6, -0.5), high=(0.5, -0.1, 0.5))
+            for n in (LEFT, RIGHT)
+        ],
     )
     technique = direct(scene, motion, variant, size)
     prepared = prepare_passes(technique, size)
@@ -84,11 +95,16 @@ def test_direct_light_is_that_of_the_scene_as_it_lies(monkeypatch, variant, widt
     for frame in (1, 3, 0):
         enqueue_frame(technique, prepared, frame)
         image = technique.device.read(technique.scene.image)
-        expected = render(scene_in(scene, motion, frame), frame, 48, 32)
-        assert expected.certain.mean() > 0.8
-        np.testing.assert_allclose(
-            image[expected.certain], expected.direct[expected.certain], rtol=5e-4, atol=5e-5
-        )
+        moved = scene_in(scene, motion, frame)
+        expected = render(moved, frame, 48, 32)
+        sure = expected.certain
+        assert sure.mean() > 0.8
+        np.testing.assert_allclose(image[sure], expected.direct[sure], rtol=5e-4, atol=2e-4)
+        positions, normals = (technique.device.read(b) for b in technique.scene.surface_args[:2])
+        resting = direct(replace(moved, positions=positions, normals=normals), None, variant, size)
+        enqueue_frame(resting, prepare_passes(resting, size), frame)
+        there = resting.device.read(resting.scene.image)
+        np.testing.assert_allclose(image[sure], there[sure], rtol=1e-6, atol=1e-7)
         pictures.append(image)
     assert np.mean(np.abs(pictures[0] - pictures[1]) > 1e-3) > 0.02
 
