@@ -28,7 +28,7 @@ from reference_scenes import lightmap_of, random_scene
 from gibench.bake import srp_bake, transport
 from gibench.device import Device, list_devices
 from gibench.measure import roofs as roofs_module
-from gibench.measure.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.enqueue import PreparedPass, enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
 from gibench.rays.bvh import build_bvh
 from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
@@ -42,6 +42,7 @@ from gibench.scene.atlas import unwrap
 from gibench.scene.builtin import build
 from gibench.scene.model import Camera
 from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec, find_technique
+from gibench.techniques.technique import Technique
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
 RECEIVERS, WIDTH, HEIGHT = 90, 18, 17
@@ -128,20 +129,28 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
     return spec, context, spec.bake(context)
 
 
-def frames(case: Case, cache: Path) -> None:
-    """Create a technique, run some frames of it, draw its images and read its receivers."""
+def created(
+    case: Case, cache: Path, width: int = WIDTH, height: int = HEIGHT
+) -> tuple[Technique, list[PreparedPass]]:
+    """A technique and its passes, ready for frames."""
     spec, context, data = baked(case, cache)
     scene = context.scene
     made = spec.create(
         CreateContext(
             *(Device(PROFILE), scene, context.lightmap, context.settings, data),
-            *(case.variant, case.size, WIDTH, HEIGHT, scene.cameras[0]),
+            *(case.variant, case.size, width, height, scene.cameras[0]),
         )
     )
     prepared = prepare_passes(made, case.size)
     for item in prepared:
         if item.problem:
             raise SystemExit(f"{item.name}: {item.problem}")
+    return made, prepared
+
+
+def frames(case: Case, cache: Path) -> None:
+    """Create a technique, run some frames of it, draw its images and read its receivers."""
+    made, prepared = created(case, cache)
     for frame in range(FRAMES):
         enqueue_frame(made, prepared, frame)
     made.images()
@@ -198,14 +207,19 @@ def reference(case: Case, cache: Path) -> None:
         assert mean.max() > 0
 
 
+def suit_simulator(width: int) -> None:
+    """One thread, and vectors of ``width`` floats."""
+    os.cpu_count = lambda: 1
+    srp_bake.ThreadPoolExecutor = InlinePool  # type: ignore[misc,assignment]
+    Device.vector_width = property(lambda self: width)  # type: ignore[assignment]
+    transport.vector_width = lambda device: width
+
+
 def main(cache: Path, cases: list[Case]) -> None:
     """Run ``cases`` and print the kernels."""
     ran = record_kernels()
-    os.cpu_count = lambda: 1
-    srp_bake.ThreadPoolExecutor = InlinePool  # type: ignore[misc,assignment]
     for case in cases:
-        Device.vector_width = property(lambda self, case=case: case.width)  # type: ignore[assignment]
-        transport.vector_width = lambda device, case=case: case.width
+        suit_simulator(case.width)
         globals()[case.what](case, cache)
     print(*sorted(ran), sep="\n")
 
