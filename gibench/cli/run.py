@@ -117,6 +117,7 @@ def run(
     from gibench.device.device import select_cl_device
     from gibench.measure.cold import CacheFlush
     from gibench.measure.configuration import grid
+    from gibench.measure.interrupts import Interrupts
     from gibench.measure.loop import run_configurations
     from gibench.measure.record import begin_record, finish_record
     from gibench.measure.roofs import measure_roofs
@@ -152,9 +153,16 @@ def run(
     folder.write_record(record)
     writer = _image_writer(folder.path) if save_images else None
     outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer, flush)
-    after = None if outcome.ended else measure_roofs(profiles[0], cl_device)
-    record = finish_record(record, outcome, shared, after)
-    _write_what_is_known(folder, record, outcome, show=not quiet and outcome.samples > 0)
+    after = None
+    with Interrupts() as interrupts:
+        try:
+            with interrupts.work():
+                after = None if outcome.ended else measure_roofs(profiles[0], cl_device)
+        except KeyboardInterrupt:
+            outcome.interrupted = True
+        record = finish_record(record, outcome, shared, after)
+        _write_what_is_known(folder, record, outcome, show=not quiet and outcome.samples > 0)
+        outcome.interrupted |= interrupts.came()
     if not quiet and outcome.samples:
         ran = sum(result.frames > 0 for result in outcome.results)
         typer.echo(f"{ran} of {len(outcome.results)} configurations ran; see {folder.path}")
