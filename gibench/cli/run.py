@@ -142,7 +142,7 @@ def run(
     shared = Shared(cache, seed)
     for configuration in configurations:
         check_configuration(configuration, loop, shared)
-    arguments = _arguments(locals())
+    arguments = options.recorded(locals(), "warmup", "cold", "fit", "save_images")
     folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
 
     flush = CacheFlush(profiles[0], cl_device) if cold else None
@@ -238,17 +238,3 @@ def _conclude(outcome: Outcome, folder: Path) -> None:
             f"{failed[0].reason}",
             mend=f"what was measured is in {folder}",
         )
-
-
-def _arguments(given: dict[str, Any]) -> dict[str, Any]:
-    """The options for the record: files by base name, folders not at all."""
-    names = (
-        *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
-        *("workgroup_size", "settings", "frames", "warmup", "cold", "resolution", "camera", "fit"),
-        *("save_images", "seed", "device", "camera_path", "rest_frames", "flight_frames"),
-    )
-    arguments = {name: given[name] for name in names}
-    for name in ("device_profile", "scene"):
-        arguments[name] = [Path(value).name for value in arguments[name]]
-    arguments["camera_path"] = Path(arguments["camera_path"]).name
-    return arguments
