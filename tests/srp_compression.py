@@ -1,12 +1,13 @@
-r"""Compressed against uncompressed irradiance of a scene, under ten random lightings.
+r"""Compressed against uncompressed irradiance of a scene, under random lightings.
 
     PYTHONPATH=. python tests/srp_compression.py sponza.obj --receivers 246325 \
-        --probes 150 --suns 5 --leaves 36
+        --probes 150 --suns 15 --lights 30 --leaves 36
 
 bakes the transport of so many random leaves of the AABB tree (all, without ``--leaves``) and prints
 the relative L2 error of each lighting over all their receivers, and the stored size scaled to the
 scene. A lighting is one point light or one sun, direct light only: without bounces and sky light,
-which are smooth, there is nothing to hide errors under.
+which are smooth, there is nothing to hide errors under. Two more are no light that exists: probe
+radiance of random coefficients.
 """
 
 from __future__ import annotations
@@ -32,13 +33,17 @@ from gibench.rays.embree import EmbreeTracer
 from gibench.scene.load import load_scene
 from gibench.techniques.srp.storage import store_cluster, stored_values
 
+RANDOM = 2
+"""Lightings of random coefficients."""
+
 
 @dataclass
 class Found:
     """What was measured.
 
     Attributes:
-        errors: (10,) relative L2 error of the irradiance, by lighting.
+        errors: (lights,) relative L2 error of the irradiance, by lighting.
+        random: (RANDOM,) that under random coefficients.
         leaves, of_leaves: leaves baked, and those of the scene.
         clusters, vectors: of the leaves baked; vectors of each.
         coefficients: reconstruction coefficients per receiver.
@@ -46,6 +51,7 @@ class Found:
     """
 
     errors: np.ndarray
+    random: np.ndarray
     leaves: int
     of_leaves: int
     clusters: int
@@ -63,6 +69,7 @@ def measure(
     storage: str = "fp16",
     cache: Path | None = None,
     seed: int = 0,
+    count: int = 10,
 ) -> Found:
     """Bake leaves of a scene and compare."""
     scene = load_scene(scene_name)
@@ -75,8 +82,10 @@ def measure(
     )
     rng = np.random.default_rng(seed)
     lights = [sun(lightmap, tracer, rng, 5 * lift) for _ in range(suns)]
-    lights += [point_light(scene, lightmap, tracer, rng, 5 * lift) for _ in range(10 - suns)]
+    lights += [point_light(scene, lightmap, tracer, rng, 5 * lift) for _ in range(count - suns)]
     radiance = probe_radiance(lightmap, relight, np.stack(lights, axis=1))
+    noise = rng.standard_normal((*radiance.shape[:2], RANDOM))
+    radiance = np.concatenate([radiance, noise], axis=2)
     tables = visibility_tables(scene, lightmap, probes, tracer, lift)
     worker = TransportBaker(scene, lightmap, probes, settings, tracer, tables).worker()
     light = expected_light(lightmap, relight)
@@ -85,12 +94,12 @@ def measure(
     picked = np.arange(len(members))
     if leaves is not None and leaves < len(members):
         picked = np.sort(rng.choice(picked, leaves, replace=False))
-    difference, total = np.zeros(10), np.zeros(10)
+    difference, total = np.zeros(count + RANDOM), np.zeros(count + RANDOM)
     clusters, sampled = [], 0
     for leaf in picked:
         own = members[leaf]
         rows = worker.rows(own)
-        exact = rows.matrix.astype(np.float64) @ radiance[rows.probes].reshape(-1, 10)
+        exact = rows.matrix.astype(np.float64) @ radiance[rows.probes].reshape(-1, count + RANDOM)
         parts = compress(
             own, position[own], normal[own], rows.probes, rows.matrix,
             light.columns(rows.probes), settings.svd_vectors, settings.svd_threshold,
@@ -98,7 +107,7 @@ def measure(
         for part in parts:
             stored = store_cluster(part, storage)
             basis = stored_values(stored.projection, storage) @ radiance[part.probes].reshape(
-                len(part.probes) * radiance.shape[1], 10
+                len(part.probes) * radiance.shape[1], count + RANDOM
             )
             basis *= stored.scale[:, None]
             there = exact[np.searchsorted(own, part.receivers)]
@@ -108,8 +117,10 @@ def measure(
         clusters += parts
         sampled += len(own)
     bake = SrpBake(settings.sh_order, probes, relight, tuple(clusters), 1.0, 1.0)
+    errors = np.sqrt(difference / total)
     return Found(
-        np.sqrt(difference / total),
+        errors[:count],
+        errors[count:],
         len(picked),
         len(members),
         len(clusters),
@@ -126,7 +137,8 @@ def main() -> None:
     parser.add_argument("--receivers", type=int, required=True)
     parser.add_argument("--probes", type=int)
     parser.add_argument("--leaves", type=int)
-    parser.add_argument("--suns", type=int, default=0)
+    parser.add_argument("--lights", type=int, default=10)
+    parser.add_argument("--suns", type=int, default=0, help="of the lights")
     parser.add_argument("--rays", type=int, default=4096)
     parser.add_argument("--threshold", type=float, default=SrpBakeSettings.svd_threshold)
     parser.add_argument("--storage", default="fp16")
@@ -138,11 +150,15 @@ def main() -> None:
     )
     found = measure(
         given.scene, given.receivers, settings, given.leaves, given.suns, given.storage,
-        given.cache, given.seed,
+        given.cache, given.seed, given.lights,
     )  # fmt: skip
-    percent = " ".join(f"{100 * error:.2f}" for error in found.errors)
+    percent, random = (
+        " ".join(f"{100 * error:.2f}" for error in errors)
+        for errors in (found.errors, found.random)
+    )
     print(f"{given.scene}: {found.leaves} of {found.of_leaves} leaves, {given.storage}")
-    print(f"  relative L2 error of ten lightings, %: {percent}")
+    print(f"  relative L2 error of {given.lights} lightings, %: {percent}")
+    print(f"  of random coefficients, %: {random}")
     print(
         f"  {found.clusters} clusters, {(found.vectors == 32).mean():.0%} of them of 32 vectors; "
         f"{found.coefficients:.1f} coefficients a receiver; {found.nbytes / 1e6:.1f} MB"
