@@ -59,8 +59,10 @@ class Browser:
             pass
 
     def ask(self, script: str) -> Any:
-        """The value of a JavaScript expression."""
-        answer = self.tell("Runtime.evaluate", expression=script, returnByValue=True)
+        """The value of a JavaScript expression, of a promise when it is kept."""
+        answer = self.tell(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, (script, answer)
         return answer["result"].get("value")
 

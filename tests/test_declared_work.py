@@ -273,6 +273,9 @@ def test_passes_do_what_they_declare(cache: Path, case: Case) -> None:
             if not low <= ratio <= high:
                 wrong.append(f"{name}: {quantity}: {done} of {said}: {ratio:.2f}")
     assert not wrong, "\n".join(wrong)
+    if case.settings == SHAPES.get(case.technique, SHAPE_OF_OTHERS)[3]:
+        explained = {name for technique, _, name, _ in EXPLAINED if technique == case.technique}
+        assert explained <= set(declared)
 
 
 def test_explanations_are_needed() -> None:
