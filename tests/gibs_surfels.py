@@ -1,13 +1,29 @@
 """Random surfels on a device without a technique around them, and NumPy's own grid."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gibench.device import Device
+from gibench.profiles import load_profile
 from gibench.techniques.gibs.grid import NEIGHBOURS, SurfelGeometry, SurfelGrid, UniformGrid
 from gibench.techniques.launching import prepare_launch
 
 STRETCH = 4.0  # what the tests and benchmarks of sorting use
+BOUNDS = (np.zeros(3), np.array([1.0, 0.7, 0.9]))
 IDENTITY = np.eye(3, 4, dtype=np.float32).reshape(1, 12)
+
+
+def any_size_device():
+    return Device(replace(load_profile("vega56"), simd_width=1, max_workgroup_size=4096))
+
+
+def defines(capacity, grid=None, **others):
+    """Macros of the kernels that look surfels up."""
+    grid = grid or UniformGrid.around(BOUNDS, 4)
+    return {**grid.defines, "CAPACITY": capacity, "ENTRIES": 27 * capacity, "PUBLISHED": False,
+            "ALL_NEIGHBOURS": False, "NORMAL_STRETCH": STRETCH, "VEC": 8, "DEPTH": True,
+            "GUIDING": True, "FLOORED": True, **others}  # fmt: skip
 
 
 def frame_words(alive, camera=(0, 0, 0), angle=0.0, least=0.01, most=np.inf, frame=1, rays=0):

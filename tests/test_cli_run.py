@@ -95,7 +95,9 @@ def test_the_folder_keeps_the_contract(run, tmp_path: Path, capsys) -> None:
     text = (folder / "report.md").read_text()
     assert "none of the modelled device" in text
     assert "![roofline](roofline.png)" in text
-    assert "triad (1)" in (folder / "roofline.svg").read_text()
+    plotted = (folder / "roofline.svg").read_text()
+    assert plotted.count(">fake triad<") == 1  # in the legend, for both configurations
+    assert "Numbers: the configuration in run.json." in plotted
     with Image.open(folder / "roofline.png") as plot:
         assert plot.size[0] > 600
     assert record["environment"]["cpu"] in text

@@ -79,7 +79,12 @@ def test_one_process_a_side_establishes_only_much(tmp_path: Path, capsys) -> Non
         ({"seed": 7}, "seed"),
         ({"profiles": [{"name": "iphone7", "content_hash": "ee" * 32}]}, "profile iphone7"),
         ({"scenes": [{"name": "box", "content_hash": "00" * 32}]}, "scene box"),
-        ({"configurations": [entry(1, PASSES, settings={"sh_order": 3})]}, "settings of srp"),
+        (
+            {"configurations": [entry(1, PASSES, settings={"sh_order": 3})]},
+            "work-group 256 (sh_order=2 against sh_order=3)",
+        ),
+        ({"configurations": [entry(1, PASSES, camera="back")]}, "(front against back)"),
+        ({"cold": {"covered": True}}, "caches emptied before frames (False against True)"),
     ],
 )
 def test_what_differs_is_named_and_refused(tmp_path: Path, capsys, changes, named: str) -> None:
@@ -104,6 +109,10 @@ def test_a_missing_or_damaged_side_never_passes(tmp_path: Path, capsys) -> None:
         (text[: len(text) // 2], "cannot be read"),
         ("[]", "schema_version"),
         (text.replace('"schema_version": 1', '"schema_version": 99'), "schema 99"),
+        (
+            text.replace('"schema_version": 1', '"schema_version": 0'),
+            "schema 0; this",
+        ),
         (text.replace('"finished": true', '"finished": false'), "never finished"),
         (text.replace('"roofs"', '"rooves"'), "'roofs' is missing"),
     ):
@@ -113,6 +122,49 @@ def test_a_missing_or_damaged_side_never_passes(tmp_path: Path, capsys) -> None:
         runs(tmp_path / "b", 1)
     (base / "run.json").write_text(text)
     assert compared(base, tmp_path / "b") == 0
+    (base / "samples.csv").unlink()
+    assert compared(base, tmp_path / "b") == 2
+    assert "it has no samples.csv: only the tables" in told(capsys)
+
+
+def test_a_run_of_before_is_compared(tmp_path: Path, capsys) -> None:
+    """One without what was added to records since: more settings, flights, work counted after the
+    last frame, roofs that are said to be measured again.
+    """
+    before = record(entry(1, PASSES))
+    now = record(entry(1, PASSES, settings={"sh_order": 2, "bounces": True, "storage": "fp16"}))
+    now |= {"flight": {"path": "rest", "rest_frames": 60, "flight_frames": 240}, "cold": None}
+    now["roofs"] |= {"measured_again": True}
+    for item in now["configurations"][0]["passes"]:
+        item |= {"rays": 1234567.0, "flops": 1.0, "atomics": 5}
+    rng = np.random.default_rng(4)
+    data = times(rng)
+    base = write_run(tmp_path / "a", before, {1: data})
+    assert compared(base, write_run(tmp_path / "b", now, {1: data})) == 0
+    assert "cannot be compared" not in capsys.readouterr().out
+    changed = entry(1, PASSES, settings={"sh_order": 2, "bounces": False})
+    write_run(tmp_path / "c", record(changed), {1: data})
+    assert compared(base, tmp_path / "c") == 2
+    assert "bounces=True against bounces=False" in told(capsys)
+
+
+def test_a_committed_run_is_compared_with_itself_as_run_now(tmp_path: Path) -> None:
+    """Each reference run that has samples, and a copy without the fields of today's records."""
+    folder = Path(__file__).parents[1] / "results" / "reference"
+    found = [one.parent for one in folder.glob("*/*/samples.csv")]
+    assert found
+    for one in found:
+        content = json.loads((one / "run.json").read_text())
+        for name in ("flight", "cold"):
+            content.pop(name, None)
+        for configuration in content["configurations"]:
+            for item in configuration["passes"]:
+                item["rays"] *= 2
+        copy = tmp_path / one.parent.name / one.name
+        copy.mkdir(parents=True)
+        (copy / "run.json").write_text(json.dumps(content))
+        (copy / "samples.csv").write_text((one / "samples.csv").read_text())
+        assert compared(one, copy, "--quiet") == 0
 
 
 def test_a_pass_that_no_longer_runs_fails(tmp_path: Path, capsys) -> None:

@@ -250,4 +250,6 @@ def test_rays_are_counted_after_a_frame(variant):
     # Every ray of an active probe hits a front, and the lamp is before half of them and more.
     assert 0.5 * active * 40 < shaded.rays <= active * 40
     assert prepared["application"].counted(16).rays > prepared["application"].work.rays
-    assert prepared["blend_distance"].counted is None
+    for name in ("blend_irradiance", "blend_distance", "variability"):
+        blended = prepared[name].counted(16)
+        assert blended.flops == pytest.approx(prepared[name].work.flops * active / 27), name

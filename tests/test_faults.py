@@ -13,9 +13,10 @@ import pandas as pd
 import pyopencl as cl
 import pytest
 
+import gibench
 from gibench.cli.main import call
 from gibench.device import Device
-from gibench.measure import run_folder
+from gibench.measure import roofs, run_folder
 from gibench.measure.statistics import Roofs
 from gibench.techniques.launching import PreparedLaunch
 
@@ -94,6 +95,51 @@ def test_ctrl_c_while_samples_are_stored_waits_for_them(run, tmp_path, monkeypat
     assert record["interrupted"]
     assert frames["reason"].str.startswith("interrupted after").all()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_while_roofs_are_measured_again(run, tmp_path, monkeypatch, capsys) -> None:
+    """After the last frame: all samples are there, and so must the tables be."""
+    measure, calls = roofs.measure_roofs, []
+
+    def interrupted(*args):
+        calls.append(args)
+        if len(calls) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        return measure(*args)
+
+    monkeypatch.setattr(roofs, "measure_roofs", interrupted)
+    assert run() == 130
+    line = one_line(capsys)
+    samples, frames, record = left(tmp_path / "out")
+    assert len(calls) == 2
+    assert f"{len(samples)} samples are kept" in line
+    assert record["finished"]
+    assert record["interrupted"]
+    assert not record["roofs"]["measured_again"]
+    assert frames["frames"].min() > 0
+    assert set(frames["status"]) == {"ok"}
+    assert frames["reason"].isna().all()
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "**Interrupted:**" in report
+    assert report.count("not measured again") == len(record["roofs"]["start"])
+    assert (tmp_path / "out" / "passes.csv").exists()
+    assert gibench.load_run(tmp_path / "out").frames["median_ms"].notna().all()
+
+
+def test_ctrl_c_while_tables_are_written_waits_for_them(run, tmp_path, monkeypatch, capsys) -> None:
+    write = run_folder.RunFolder.write_text
+
+    def signalled(self, name: str, text: str) -> None:
+        if name == "passes.csv":
+            os.kill(os.getpid(), signal.SIGINT)
+        write(self, name, text)
+
+    monkeypatch.setattr(run_folder.RunFolder, "write_text", signalled)
+    assert run() == 130
+    assert "samples are kept" in one_line(capsys)
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "Interrupted" not in report  # nothing is missing
+    assert "not measured again" not in report
 
 
 def test_the_disk_is_full_when_tables_are_written(run, tmp_path, monkeypatch, capsys) -> None:

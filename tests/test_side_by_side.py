@@ -18,7 +18,7 @@ from gibench.scene.model import DirectionalLight, PointLight
 from gibench.study.experiments import convergence, ray_budget
 from gibench.study.experiments.convergence import arrival, distances, row_of
 from gibench.study.experiments.ray_budget import AT_REST, MOVED, rows_of, theirs
-from gibench.study.switched import switched
+from gibench.study.switched import LightSwitch, switched
 
 KEY = {"scene": "s", "technique": "ddgi", "budget": 50, "profile": "p"}
 PASSES = {
@@ -152,16 +152,16 @@ def test_all_lights_are_switched_in_one_frame_and_nothing_else_is():
     lamp = PointLight((0.0, 1.0, 0.0), (1.0, 2.0, 3.0))
     scene = scene_of([((base.positions, base.normals, base.triangles), 0)], base.materials,
                      lights=(sun, lamp))  # fmt: skip
-    both = switched(scene, 5, 1.0, 0.25)
+    both = switched(scene, LightSwitch(5, 1.0, 0.25))
     assert both.lights_at(0) == both.lights_at(4) == scene.lights_at(0)
     assert both.lights_at(5) == both.lights_at(99)
     dim_sun, dim_lamp = both.lights_at(5)
     assert dim_sun.irradiance == (1.0, 0.5, 0.25) and dim_sun.direction == sun.direction
     assert dim_lamp.intensity == (0.25, 0.5, 0.75) and dim_lamp.position == lamp.position
-    assert switched(scene, 5, 0.0, 1.0).lights_at(4)[0].irradiance == (0.0, 0.0, 0.0)
+    assert switched(scene, LightSwitch(5, 0.0, 1.0)).lights_at(4)[0].irradiance == (0.0, 0.0, 0.0)
     assert both.content_hash() == scene.content_hash()  # the same bakes serve both
     with pytest.raises(BadInput, match="no light that could be switched"):
-        switched(base, 5, 0.0, 1.0)
+        switched(base, LightSwitch(5, 0.0, 1.0))
 
 
 @pytest.fixture(scope="module")

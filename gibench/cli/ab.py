@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gibench.cli import options
+from gibench.cli import comparing, options
 from gibench.errors import BadInput, CheckFailed, GibenchError
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def ab(
     resolution: Annotated[
         str, typer.Option("--resolution", metavar="WxH", help="Camera image, pixels.")
     ] = "320x180",
-    threshold: options.Threshold = "5%",
+    threshold: comparing.Threshold = "5%",
     replicates: Annotated[
         int | None,
         typer.Option(
@@ -67,8 +67,8 @@ def ab(
     ] = 24,
     seed: options.Seed = 0,
     cache_dir: options.CacheDir = None,
-    markdown: options.MarkdownFile = None,
-    json: options.JsonFile = None,
+    markdown: comparing.MarkdownFile = None,
+    json: comparing.JsonFile = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Time one kernel tree against another and fail only if it is established to be slower.
@@ -98,7 +98,7 @@ def ab(
     from gibench.progress import progress
     from gibench.report import comparison
 
-    limit = options.percentage(threshold)
+    limit = comparing.percentage(threshold)
     width, height = options.resolution(resolution)
     options.load_profiles([device_profile])
     options.find_techniques([technique])
@@ -152,7 +152,7 @@ def ab(
         "log_ratios": result.log_ratios,
         "output_difference": result.output_difference,
     }
-    options.write_comparison(
+    comparing.write_comparison(
         markdown, comparison.markdown(rows, title, remarks), json, comparison.as_json(rows, facts)
     )
     if not quiet and json != Path("-") and markdown != Path("-"):

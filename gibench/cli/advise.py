@@ -15,16 +15,7 @@ _ALL: list[str] = []
 
 
 def advise(
-    device_profile: Annotated[
-        str,
-        typer.Option(
-            "--device-profile",
-            "-d",
-            metavar="NAME|FILE",
-            help="Whose limits bind.",
-            rich_help_panel=options.GRID,
-        ),
-    ] = "iphone7",
+    device_profile: options.Profile = "iphone7",
     budget_ms: Annotated[
         float,
         typer.Option(
@@ -34,16 +25,7 @@ def advise(
             rich_help_panel=options.GRID,
         ),
     ] = 33.3,
-    scene: Annotated[
-        str,
-        typer.Option(
-            "--scene",
-            "-s",
-            metavar="NAME|FILE",
-            help="Built-in scene, mesh (.gltf, .glb, .obj) or scene file (.toml).",
-            rich_help_panel=options.GRID,
-        ),
-    ] = "cornell-box",
+    scene: options.Scene = "cornell-box",
     technique: options.Techniques = _ALL,
     variant: options.Variants = ["tuned"],  # noqa: B006 (typer copies its defaults)
     sh_order: options.ShOrders = None,

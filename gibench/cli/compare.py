@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gibench.cli import options
+from gibench.cli import comparing, options
 from gibench.errors import BadInput, CheckFailed
 
 if TYPE_CHECKING:
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 def compare(
     base: Annotated[Path, typer.Argument(metavar="BASE", help="The baseline.")],
     new: Annotated[Path, typer.Argument(metavar="NEW", help="What is judged.")],
-    threshold: options.Threshold = "5%",
+    threshold: comparing.Threshold = "5%",
     seed: options.Seed = 0,
-    markdown: options.MarkdownFile = None,
-    json: options.JsonFile = None,
+    markdown: comparing.MarkdownFile = None,
+    json: comparing.JsonFile = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Compare recorded times, pass by pass, and fail only on an established slowdown.
@@ -44,7 +44,7 @@ def compare(
     from gibench.measure.timings import read_timings
     from gibench.report import comparison
 
-    limit = options.percentage(threshold)
+    limit = comparing.percentage(threshold)
     first, second = read_timings(base, "BASE"), read_timings(new, "NEW")
     if different := differences(first, second):
         more = f" and {len(different) - 3} more" if len(different) > 3 else ""
@@ -72,7 +72,7 @@ def compare(
         "missing": missing,
     }
     title = f"gibench compare: {base.name} against {new.name}"
-    options.write_comparison(
+    comparing.write_comparison(
         markdown, comparison.markdown(rows, title, remarks), json, comparison.as_json(rows, facts)
     )
     if not quiet and json != Path("-") and markdown != Path("-"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 GRID, OUTPUT = "What to run (repeat an option to make a grid)", "How and where"
 TRUTH = "The truth to compare with"
 MAX_IMAGE_PIXELS = 16384
+_SCENE_HELP = "Built-in scene, mesh (.gltf, .glb, .obj) or scene file (.toml)."
 
 Profiles = Annotated[
     list[str],
@@ -31,13 +32,33 @@ Profiles = Annotated[
         rich_help_panel=GRID,
     ),
 ]
+Profile = Annotated[
+    str,
+    typer.Option(
+        "--device-profile",
+        "-d",
+        metavar="NAME|FILE",
+        help="Whose limits bind.",
+        rich_help_panel=GRID,
+    ),
+]
 Scenes = Annotated[
     list[str],
     typer.Option(
         "--scene",
         "-s",
         metavar="NAME|FILE",
-        help="Built-in scene, mesh (.gltf, .glb, .obj) or scene file (.toml).",
+        help=_SCENE_HELP,
+        rich_help_panel=GRID,
+    ),
+]
+Scene = Annotated[
+    str,
+    typer.Option(
+        "--scene",
+        "-s",
+        metavar="NAME|FILE",
+        help=_SCENE_HELP,
         rich_help_panel=GRID,
     ),
 ]
@@ -209,57 +230,6 @@ Quiet = Annotated[
     bool,
     typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=OUTPUT),
 ]
-Threshold = Annotated[
-    str,
-    typer.Option(
-        "--threshold", metavar="PERCENT", help="The least change that matters, for instance 5%."
-    ),
-]
-MarkdownFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--markdown",
-        metavar="FILE",
-        help="Write a table for a pull request; - for standard output.",
-    ),
-]
-JsonFile = Annotated[
-    Path | None,
-    typer.Option("--json", metavar="FILE", help="Write everything as JSON; - for standard output."),
-]
-
-
-def percentage(text: str) -> float:
-    """The share that ``5%`` (or ``5``) is.
-
-    Raises:
-        BadInput: it is no percentage above 0 and below 100.
-    """
-    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*%?\s*", text)
-    share = float(match[1]) / 100 if match else 0.0
-    if not 0 < share < 1:
-        raise BadInput(f"--threshold '{text}' is no percentage", mend="give for instance 5%")
-    return share
-
-
-def write_comparison(
-    markdown: Path | None, text: str, json_file: Path | None, content: Mapping[str, object]
-) -> None:
-    """Write a comparison where it was asked for.
-
-    Raises:
-        GibenchError: it cannot be written.
-    """
-    import json
-
-    from gibench.measure.run_folder import write_atomically
-
-    whole = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    for path, written in ((markdown, text), (json_file, whole)):
-        if path == Path("-"):
-            typer.echo(written, nl=False)
-        elif path is not None:
-            write_atomically(path, written.encode())
 
 
 def paragraphs(text: str | None) -> str:
@@ -393,3 +363,19 @@ def _settings(texts: Sequence[str]) -> dict[str, dict[str, str]]:
             )
         found.setdefault(match[1], {})[match[2]] = match[3]
     return found
+
+
+def recorded(given: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    """What a run and a study have both been asked for, and ``names``, for their records: files by
+    base name, folders not at all.
+    """
+    both = (
+        *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
+        *("workgroup_size", "settings", "frames", "resolution", "camera", "seed", "device"),
+        *("camera_path", "rest_frames", "flight_frames"),
+    )
+    arguments = {name: given[name] for name in (*both, *names)}
+    for name in ("device_profile", "scene"):
+        arguments[name] = [Path(value).name for value in arguments[name]]
+    arguments["camera_path"] = Path(given["camera_path"]).name
+    return arguments

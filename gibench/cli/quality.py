@@ -156,7 +156,10 @@ def quality(
         reference_seed=reference_seed,
     )
     check_views(configurations, how, shared)
-    arguments = _arguments(locals())
+    arguments = options.recorded(
+        locals(), "light_frame", "bounces", "target_error", "reference_seed", "region"
+    )
+    arguments["reference"] = reference and reference.name
     path = out or Path(
         *("results", "quality", default_folder([p.name for p in profiles]).name),
     )
@@ -208,19 +211,3 @@ def _conclude(outcome: Outcome, folder: Path) -> None:
             f"{len(failed)} configurations failed, the first because {failed[0]['reason']}",
             mend=f"what was compared is in {folder}",
         )
-
-
-def _arguments(given: dict[str, Any]) -> dict[str, Any]:
-    """The options for the record: files by base name, folders not at all."""
-    names = (
-        *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
-        *("workgroup_size", "settings", "light_frame", "bounces", "target_error", "reference"),
-        *("reference_seed", "region", "frames", "resolution", "camera", "seed", "device"),
-        *("camera_path", "rest_frames", "flight_frames"),
-    )
-    arguments = {name: given[name] for name in names}
-    for name in ("device_profile", "scene"):
-        arguments[name] = [Path(value).name for value in arguments[name]]
-    arguments["camera_path"] = Path(given["camera_path"]).name
-    arguments["reference"] = given["reference"] and given["reference"].name
-    return arguments

@@ -120,6 +120,7 @@ def run(
     from gibench.device.device import select_cl_device
     from gibench.measure.cold import CacheFlush
     from gibench.measure.configuration import grid
+    from gibench.measure.interrupts import Interrupts
     from gibench.measure.loop import run_configurations
     from gibench.measure.record import begin_record, finish_record
     from gibench.measure.roofs import measure_roofs
@@ -145,7 +146,8 @@ def run(
     shared = Shared(cache, seed)
     for configuration in configurations:
         check_configuration(configuration, loop, shared)
-    arguments = _arguments(locals())
+    arguments = options.recorded(locals(), "warmup", "cold", "fit", "save_images")
+    arguments["motion"] = Path(moving).name
     folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
 
     flush = CacheFlush(profiles[0], cl_device) if cold else None
@@ -156,9 +158,16 @@ def run(
     folder.write_record(record)
     writer = _image_writer(folder.path) if save_images else None
     outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer, flush)
-    after = None if outcome.ended else measure_roofs(profiles[0], cl_device)
-    record = finish_record(record, outcome, shared, after)
-    _write_what_is_known(folder, record, outcome, show=not quiet and outcome.samples > 0)
+    after = None
+    with Interrupts() as interrupts:
+        try:
+            with interrupts.work():
+                after = None if outcome.ended else measure_roofs(profiles[0], cl_device)
+        except KeyboardInterrupt:
+            outcome.interrupted = True
+        record = finish_record(record, outcome, shared, after)
+        _write_what_is_known(folder, record, outcome, show=not quiet and outcome.samples > 0)
+        outcome.interrupted |= interrupts.came()
     if not quiet and outcome.samples:
         ran = sum(result.frames > 0 for result in outcome.results)
         typer.echo(f"{ran} of {len(outcome.results)} configurations ran; see {folder.path}")
@@ -234,18 +243,3 @@ def _conclude(outcome: Outcome, folder: Path) -> None:
             f"{failed[0].reason}",
             mend=f"what was measured is in {folder}",
         )
-
-
-def _arguments(given: dict[str, Any]) -> dict[str, Any]:
-    """The options for the record: files by base name, folders not at all."""
-    names = (
-        *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
-        *("workgroup_size", "settings", "frames", "warmup", "cold", "resolution", "camera", "fit"),
-        *("save_images", "seed", "device", "camera_path", "rest_frames", "flight_frames"),
-    )
-    arguments = {name: given[name] for name in names}
-    arguments["motion"] = Path(given["moving"]).name
-    for name in ("device_profile", "scene"):
-        arguments[name] = [Path(value).name for value in arguments[name]]
-    arguments["camera_path"] = Path(arguments["camera_path"]).name
-    return arguments

@@ -82,8 +82,15 @@ def differences(base: Timings, new: Timings) -> list[str]:
     for name in dict.fromkeys([*base.identity, *new.identity]):
         a, b = base.identity.get(name), new.identity.get(name)
         if a != b:
+            if isinstance(a, Mapping) and isinstance(b, Mapping):
+                a, b = _only_in(a, b), _only_in(b, a)
             found.append(f"{name} ({_short(a)} against {_short(b)})")
     return found
+
+
+def _only_in(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
+    """What of ``a`` is not the same in ``b``."""
+    return {name: value for name, value in a.items() if name not in b or b[name] != value}
 
 
 def compare(base: Timings, new: Timings, threshold: float, seed: int = 0) -> list[Comparison]:
@@ -162,6 +169,6 @@ def _resampled_medians(
 
 def _short(value: Any) -> str:
     if isinstance(value, Mapping):
-        value = ", ".join(f"{name}={item}" for name, item in value.items())
+        value = ", ".join(f"{name}={item}" for name, item in value.items()) or None
     text = "nothing" if value is None else str(value)
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -44,7 +44,7 @@ def begin_record(
         "environment": environment(),
         "device": device_record(cl_device),
         "profiles": [_profile(profile) for profile in profiles],
-        "roofs": {"start": asdict(roofs), "end": asdict(roofs)},
+        "roofs": _roofs(asdict(roofs), None),
         "scenes": [],
         "configurations": [],
     }
@@ -60,12 +60,18 @@ def finish_record(
         "interrupted": outcome.interrupted,
         "write_error": None if outcome.write_error is None else outcome.write_error.what,
         "finished_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
-        "roofs": {
-            "start": record["roofs"]["start"],
-            "end": asdict(roofs) if roofs else record["roofs"]["start"],
-        },
+        "roofs": _roofs(record["roofs"]["start"], roofs),
         "scenes": _scenes(outcome, shared),
         "configurations": [result.record() for result in outcome.results],
+    }
+
+
+def _roofs(start: Mapping[str, Any], end: Roofs | None) -> dict[str, Any]:
+    """Roofs at the start and at the end: again those of the start where none were measured."""
+    return {
+        "start": start,
+        "end": asdict(end) if end else start,
+        "measured_again": end is not None,
     }
 
 

@@ -100,7 +100,7 @@ class ConfigurationResult:
             "status": self.status,
             "reason": self.reason,
             "notes": list(self.notes),
-            "settings": _plain_settings(self.configuration.settings),
+            "settings": plain_settings(self.configuration.settings),
             "auto_workgroup": self.configuration.auto_workgroup,
             "workgroup_sweep": self.sweep,
             "passes": [
@@ -116,7 +116,8 @@ class ConfigurationResult:
         }
 
 
-def _plain_settings(settings: Any) -> dict[str, Any]:
+def plain_settings(settings: Any) -> dict[str, Any]:
+    """A technique's settings as ``run.json`` has them."""
     plain = (bool, int, float, str, type(None))
     return {
         name: value if isinstance(value, plain) else str(value)

@@ -14,7 +14,7 @@ from typing import Any
 
 from gibench.errors import BadInput, GibenchError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION, OLDEST_SCHEMA = 1, 1
 SAMPLES, RECORD = "samples.csv", "run.json"
 KEYS = ("technique", "variant", "scene", "profile", "workgroup_size", "sh_order")
 SAMPLE_COLUMNS = (

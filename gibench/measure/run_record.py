@@ -9,7 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gibench.errors import BadInput
-from gibench.measure.run_folder import RECORD, SAMPLE_COLUMNS, SAMPLES, SCHEMA_VERSION
+from gibench.measure.run_folder import (
+    OLDEST_SCHEMA,
+    RECORD,
+    SAMPLE_COLUMNS,
+    SAMPLES,
+    SCHEMA_VERSION,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,7 +44,7 @@ def read_run(path: Path) -> StoredRun:
     A last line of samples that was cut short is left out.
 
     Raises:
-        BadInput: it is no run of gibench, is damaged, was not finished, or is of a newer gibench.
+        BadInput: it is no run of gibench, is damaged, was not finished, or is of another gibench.
     """
     import pandas as pd
 
@@ -46,6 +52,12 @@ def read_run(path: Path) -> StoredRun:
     if not record.get("finished"):
         raise BadInput(
             "this run was never finished", where=path, mend="run it again into another folder"
+        )
+    if not (path / SAMPLES).exists():
+        raise BadInput(
+            f"it has no {SAMPLES}: only the tables made from them are left",
+            where=path,
+            mend="take a run whose samples were kept",
         )
     try:
         text = (path / SAMPLES).read_text(encoding="utf-8")
@@ -62,7 +74,7 @@ def read_record(path: Path) -> dict[str, Any]:
     """The content of ``run.json`` in the folder ``path``.
 
     Raises:
-        BadInput: there is none, it is damaged, or is of a newer gibench.
+        BadInput: there is none, it is damaged, or is of another gibench.
     """
     file = path / RECORD
     if not path.is_dir():
@@ -81,6 +93,12 @@ def read_record(path: Path) -> dict[str, Any]:
             f"it is of schema {version}; this gibench reads up to {SCHEMA_VERSION}",
             where=file,
             mend="upgrade gibench",
+        )
+    if version < OLDEST_SCHEMA:
+        raise BadInput(
+            f"it is of schema {version}; this gibench reads {OLDEST_SCHEMA} to {SCHEMA_VERSION}",
+            where=file,
+            mend="measure it again, or read it with the gibench that made it",
         )
     if missing := [name for name in _NEEDED if name not in record]:
         raise BadInput(f"it is damaged: '{missing[0]}' is missing", where=file)

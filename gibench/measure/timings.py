@@ -12,10 +12,12 @@ import numpy as np
 from gibench.errors import BadInput
 from gibench.measure.compare import RowKey, Timings
 from gibench.measure.lockstep import FRAME
+from gibench.measure.results import plain_settings
 from gibench.measure.run_folder import RECORD
 from gibench.measure.run_record import StoredRun, read_run
 from gibench.scene.motion_file import SCENE
 from gibench.techniques.camera_path import REST
+from gibench.techniques.registry import techniques
 
 _MEND = "give a run's folder, a folder of such folders, or a JSON file of pytest-benchmark"
 
@@ -110,14 +112,24 @@ def _identity(record: Mapping[str, Any]) -> dict[str, Any]:
         "seed": record["seed"],
         "camera's flight": _flight(record),
         "objects' motion": _motion(record),
+        "caches emptied before frames": bool(record.get("cold")),
     }
     for profile in record["profiles"]:
         identity[f"profile {profile['name']}"] = profile.get("content_hash")
     for scene in record.get("scenes", ()):
         identity[f"scene {scene['name']}"] = scene["content_hash"]
     for entry in record["configurations"]:
-        identity[f"settings of {configuration_label(entry)}"] = entry.get("settings")
+        label = configuration_label(entry)
+        identity[f"settings of {label}"] = _settings(entry)
+        identity[f"camera of {label}"] = entry.get("camera")
     return identity
+
+
+def _settings(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """The technique's settings; those from before a setting was there have its default."""
+    settings: dict[str, Any] = entry.get("settings") or {}
+    spec = techniques().get(entry["technique"])
+    return {**plain_settings(spec.settings_type()), **settings} if spec else settings
 
 
 def _flight(record: Mapping[str, Any]) -> Any:

@@ -8,7 +8,7 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
-from gibench.report.plots import Axes, Series, plot
+from gibench.report.plots import Axes, Series, plot, technique_colors
 from gibench.report.quality import NOT_THEIRS, error_text
 from gibench.report.terminal import console
 
@@ -65,6 +65,7 @@ def plot_advice(path: Path, table: pd.DataFrame, budget_ms: float, machine: str)
     """
     ran = table[table["status"] == "ok"]
     front = ran[ran["pareto"]]
+    colors = technique_colors(ran["technique"])
 
     def axes(column: str, scale: float, title: str, unit: str) -> Axes:
         series = [
@@ -73,6 +74,7 @@ def plot_advice(path: Path, table: pd.DataFrame, budget_ms: float, machine: str)
                 (group.sort_values(column)[column] / scale).tolist(),
                 (100 * group.sort_values(column)["rel_l2"]).tolist(),
                 points=True,
+                color=colors[str(name)],
             )
             for name, group in ran.groupby("technique", sort=False)
         ]

@@ -132,8 +132,9 @@ def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
 
 def _roofs_section(record: Mapping[str, Any], passes: pd.DataFrame) -> str:
     start, end = record["roofs"]["start"], record["roofs"]["end"]
+    again = record["roofs"].get("measured_again", True)
     rows = [
-        (title, number(start[name]), number(end[name]))
+        (title, number(start[name]), number(end[name]) if again else "not measured again")
         for name, title in _ROOFS.items()
         if start[name] is not None
     ]

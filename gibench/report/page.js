@@ -21,8 +21,14 @@ for (const name of passNames) {
   const taken = new Set(beside.map(n => colors.get(n)));
   colors.set(name, COLORS.find(c => !taken.has(c)) ?? COLORS[colors.size % COLORS.length]);
 }
-const techniques = [...new Set(DATA.errors.map(e => e.technique))];
-const color = name => colors.get(name) ?? COLORS[techniques.indexOf(name) % COLORS.length];
+const color = name => colors.get(name);
+// A technique's own, the same in every plot (gibench.report.plots).
+const techniqueColor = name => DATA.colors[name];
+// Around (0, 0), about 12 wide.
+const SHAPES = ["M-5 0a5 5 0 1 0 10 0a5 5 0 1 0-10 0Z", "M-5-5H5V5H-5Z", "M0-7L7 0L0 7L-7 0Z", "M0-7L7 5H-7Z",
+  "M0 7L7-5H-7Z", "M-2-6H2V-2H6V2H2V6H-2V2H-6V-2H-2Z", "M-6-3L-3-6L0-3L3-6L6-3L3 0L6 3L3 6L0 3L-3 6L-6 3L-3 0Z",
+  "M-7 0L5-7V7Z", "M7 0L-5-7V7Z", "M-6 0L-3-5.5H3L6 0L3 5.5H-3Z", "M-6-6H6L-6 6H6Z",
+  "M0-7L1.6-2.2H6.7L2.6.8L4.1 5.7L0 2.7L-4.1 5.7L-2.6.8L-6.7-2.2H-1.6Z"];
 const digits = value => Math.abs(value) >= 1000 ? 0 : Math.abs(value) >= 100 ? 1 : 3;
 const figure = value => Number.isInteger(value) ? value.toLocaleString("en")
   : value.toLocaleString("en", { minimumFractionDigits: digits(value), maximumFractionDigits: digits(value) });
@@ -41,10 +47,10 @@ function tip(node, text) {
   return node;
 }
 
-function legend(place, names) {
+function legend(place, names, colorOf = color) {
   for (const name of names) {
     const entry = element("span", {}, name);
-    entry.style.setProperty("--c", color(name));
+    entry.style.setProperty("--c", colorOf(name));
     place.append(entry);
   }
 }
@@ -152,7 +158,7 @@ function distributions() {
         element("text", { x: x(low), y: y + 18, class: "soft" }, figure(low)));
       const fill = passNames.includes(one.name) ? color(one.name) : "var(--soft)";
       one.times.forEach((value, i) => svg.append(element("circle",
-        { cx: x(value), cy: y + (i * 7 % 11) - 5, r: 2.6, fill, "fill-opacity": 0.55 })));
+        { cx: x(value), cy: y + (i * 7 % 11) - 5, r: 2.6, fill, class: "dot" })));
       svg.append(tip(element("rect", { x: x(one.median) - 1.5, y: y - 12, width: 3, height: 24, fill: "var(--ink)" }),
         `${one.name}: median ${figure(one.median)} ms, ${figure(low)} to ${figure(high)} ms`));
     });
@@ -164,10 +170,23 @@ function distributions() {
 
 function roofline() {
   const points = DATA.configurations.flatMap(c => c.passes.filter(p => p.intensity && p.gflop_per_s)
-    .map(p => ({ ...p, of: title(c), run: c.run })));
+    .map(p => ({ ...p, of: title(c), run: c.run, technique: c.technique, hollow: c.variant === "published" })));
   const place = $("#roofline .plot");
   if (!points.length) { place.append("No pass of these runs declares both bytes and flops."); return; }
-  legend($("#roofline .legend"), passNames.filter(n => points.some(p => p.name === n)));
+  const passes = new Map(); // of each technique: its n-th pass has the n-th shape
+  for (const p of points) {
+    if (!passes.has(p.technique)) passes.set(p.technique, []);
+    if (!passes.get(p.technique).includes(p.name)) passes.get(p.technique).push(p.name);
+  }
+  const mark = p => element("path", { d: SHAPES[passes.get(p.technique).indexOf(p.name) % SHAPES.length],
+    fill: p.hollow ? "var(--ground)" : techniqueColor(p.technique), "stroke-width": p.hollow ? 2 : 1,
+    stroke: p.hollow ? techniqueColor(p.technique) : "var(--ground)" });
+  const key = (p, text) => $("#roofline .legend").append(element("span", { class: "key" },
+    element("svg", { viewBox: "-8 -8 16 16", width: 16, height: 16, "aria-hidden": "true" }, mark(p)), text));
+  for (const [technique, names] of passes)
+    for (const name of names) key({ technique, name, hollow: false }, `${technique} ${name}`);
+  const published = points.find(p => p.hollow);
+  if (published) key(published, "hollow: published");
   const width = 1100, height = 460, left = 66, bottom = 44;
   const roofs = DATA.runs.map(r => r.roofs);
   const top = Math.log10(Math.max(...roofs.map(r => r.gflop_per_s), ...points.map(p => p.gflop_per_s)) * 2);
@@ -192,8 +211,8 @@ function roofline() {
     svg.append(element("path", { class: "roof", d: `M${x(floor)} ${y(floor * b)} L${x(f / b)} ${y(f)} L${x(end)} ${y(f)}` }),
       element("text", { x: x(end) - 4, y: y(roofs[0].gflop_per_s) + 18 + 17 * k, "text-anchor": "end", class: "soft" }, `${r.name}: ${figure(f)} GFLOP/s, ${figure(b)} GB/s`));
   });
-  for (const p of points) svg.append(tip(element("circle", { cx: x(p.intensity), cy: y(p.gflop_per_s), r: 6,
-    fill: color(p.name), stroke: "var(--ground)", "stroke-width": 1.5 }),
+  for (const p of points) svg.append(tip(
+    element("g", { transform: `translate(${x(p.intensity)} ${y(p.gflop_per_s)})` }, mark(p)),
     `${p.name} (${p.of}): ${figure(p.gflop_per_s)} GFLOP/s at ${figure(p.intensity)} flops per byte`));
   place.append(svg);
 }
@@ -205,7 +224,7 @@ function hide(id) {
 
 function errors() {
   if (!DATA.errors.length) return hide("errors");
-  legend($("#errors .legend"), techniques);
+  legend($("#errors .legend"), [...new Set(DATA.errors.map(e => e.technique))], techniqueColor);
   const width = 1100, height = 420, left = 66, bottom = 44;
   const range = name => {
     const values = DATA.errors.map(e => Math.log10(e[name]));
@@ -226,7 +245,7 @@ function errors() {
   svg.append(element("text", { x: width / 2, y: height - 6, "text-anchor": "middle" }, "median ms of a frame"),
     element("text", { x: 14, y: height / 2, transform: `rotate(-90 14 ${height / 2})`, "text-anchor": "middle" }, "relative L2 error"));
   for (const e of DATA.errors) svg.append(tip(element("circle", { cx: x(e.time), cy: y(e.error), r: 7,
-    fill: color(e.technique), stroke: "var(--ground)", "stroke-width": 1.5 }),
+    fill: techniqueColor(e.technique), stroke: "var(--ground)", "stroke-width": 1.5 }),
     `${e.label}${e.settings ? ` (${e.settings})` : ""}: ${figure(100 * e.error)} % off, bias ${figure(100 * e.bias)} %, ` +
     `${figure(e.time)} ms, ${figure(e.memory_mib)} MiB`));
   $("#errors .plot").append(svg);

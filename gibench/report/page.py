@@ -19,6 +19,7 @@ import pandas as pd
 from gibench.measure.timings import configuration_label
 from gibench.report.loaded import LoadedQuality, LoadedRun
 from gibench.report.markdown import report as markdown_report
+from gibench.report.plots import technique_colors
 from gibench.report.tables import run_roofs
 
 MOST_SAMPLES = 400
@@ -62,6 +63,8 @@ _PASS_COLUMNS = {
 def page(runs: Sequence[LoadedRun], qualities: Sequence[LoadedQuality] = ()) -> str:
     """The page of ``runs``, aligned by configuration, with the errors of ``qualities``."""
     data = _data(runs) | {"errors": [one for found in qualities for one in _errors(found)]}
+    shown = [one["technique"] for one in (*data["configurations"], *data["errors"])]
+    data["colors"] = technique_colors(shown)
     text = json.dumps(data, ensure_ascii=False, allow_nan=False)
     # '</' inside a script element would end it.
     return _template("page.html").replace("/*DATA*/null", text.replace("</", "<\\/"))
@@ -91,7 +94,8 @@ def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
                 [name, label, *(_plain(row[c]) for c in _PASS_COLUMNS)]
                 for _, row in mine.iterrows()
             ]
-            configurations.append(_configuration(name, label, run, number, frame, mine))
+            kind = {"technique": entry["technique"], "variant": entry["variant"]}
+            configurations.append(_configuration(name, label, run, number, frame, mine) | kind)
     budget = MOST_IMAGE_BYTES
     images = []
     for name, run in zip(names, runs, strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -19,6 +19,17 @@ if TYPE_CHECKING:
 # Okabe and Ito (2008), "Color Universal Design": told apart by nearly everyone.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 
+# Of them those that stand out from white and from near-black alike: contrast 3 and more.
+_TECHNIQUE_COLORS = {"srp": "#0072B2", "ddgi": "#D55E00", "gibs": "#009E73", "direct": "#CC79A7"}
+
+
+def technique_colors(names: Iterable[str]) -> dict[str, str]:
+    """Each technique's own colour, the same in every plot; others than gibench's take the rest."""
+    others = [name for name in dict.fromkeys(names) if name not in _TECHNIQUE_COLORS]
+    left = [color for color in COLORS if color not in _TECHNIQUE_COLORS.values()]
+    rest = dict(zip(others, _cycle(left, len(others)), strict=True))
+    return {name: {**_TECHNIQUE_COLORS, **rest}[name] for name in dict.fromkeys(names)}
+
 
 @dataclass(frozen=True)
 class Series:
@@ -31,6 +42,7 @@ class Series:
         line: slope and intercept of a fitted line to draw through, or None.
         published: whether it is somebody else's figure, drawn dashed and hollow.
         points: not joined.
+        color: its own, or None for the next in turn.
     """
 
     label: str
@@ -39,6 +51,7 @@ class Series:
     line: tuple[float, float] | None = None
     published: bool = False
     points: bool = False
+    color: str | None = None
 
 
 @dataclass(frozen=True)
@@ -102,7 +115,7 @@ def plot(path: Path, axes: Sequence[Axes], caption: str) -> None:
     for number, item in enumerate(axes, 1):
         where = figure.add_subplot(1, len(axes), number)
         for color, series in zip(_cycle(COLORS, len(item.series)), item.series, strict=True):
-            _draw(where, series, color)
+            _draw(where, series, series.color or color)
         where.set(title=item.title, xlabel=item.x, ylabel=item.y)
         if item.log_x:
             where.set_xscale("log")

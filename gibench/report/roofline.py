@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gibench.report.plots import COLORS, new_figure, save
+from gibench.report.plots import new_figure, save, technique_colors
 from gibench.report.tables import run_roofs
 
 NAME = "roofline"
-_MARKERS = "osD^vPX*<>"
+_MARKERS = "osD^vPX*<>hp"
 
 
 def write_roofline(folder: Path, passes: pd.DataFrame, record: Mapping[str, Any]) -> bool:
@@ -38,26 +38,31 @@ def write_roofline(folder: Path, passes: pd.DataFrame, record: Mapping[str, Any]
     figure = new_figure(8.0, 5.0)
     axes = figure.add_subplot()
     axes.loglog(x, np.minimum(x * roofs.gb_per_s, roofs.fma_gflop_per_s), color="black")
-    names = list(dict.fromkeys(shown["pass"]))
-    configurations = list(dict.fromkeys(shown["configuration"]))
+    colors = technique_colors(shown["technique"])
+    several = len(set(shown["configuration"])) > 1
     labelled = set()
     for at, (_, row) in zip(intensity, shown.iterrows(), strict=True):
-        marker = _MARKERS[configurations.index(row["configuration"]) % len(_MARKERS)]
-        several = f" ({row['configuration']})" if len(configurations) > 1 else ""
-        label = f"{row['pass']}{several}"
+        mine = list(dict.fromkeys(shown[shown["technique"] == row["technique"]]["pass"]))
+        hollow = row["variant"] == "published"
+        label = f"{row['technique']} {row['pass']}{' (published)' if hollow else ''}"
         axes.plot(
-            *([at], [row["gflop_per_s"]], marker),
-            color=COLORS[names.index(row["pass"]) % len(COLORS)],
+            *([at], [row["gflop_per_s"]], _MARKERS[mine.index(row["pass"]) % len(_MARKERS)]),
+            color=colors[row["technique"]],
+            markerfacecolor="none" if hollow else None,
             label=label if label not in labelled else None,
         )
         labelled.add(label)
+        if several:
+            place = (at, row["gflop_per_s"])
+            number = str(row["configuration"])
+            axes.annotate(number, place, (4, 4), textcoords="offset points", fontsize=6)
     axes.set(xlabel="flops per byte", ylabel="GFLOP/s", title="Declared work under the roofs")
     axes.legend(fontsize=7, ncols=2)
     axes.grid(alpha=0.3, which="both", linewidth=0.4)
     figure.supxlabel(
         f"Measured on {record['environment']['cpu']}: {roofs.fma_gflop_per_s:.0f} GFLOP/s, "
-        f"{roofs.gb_per_s:.1f} GB/s; no time of the modelled device. In brackets "
-        "the configuration's number in run.json.",
+        f"{roofs.gb_per_s:.1f} GB/s; no time of the modelled device. "
+        + ("Numbers: the configuration in run.json." if several else ""),
         fontsize=7,
         color="dimgrey",
     )

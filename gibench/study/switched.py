@@ -10,29 +10,45 @@ from gibench.study.frozen import FrozenShared
 
 
 @dataclass(frozen=True)
-class SwitchedScene(Scene):
-    """A scene with its lights at a share of their strength before a frame and at another from then.
-
-    What glows and the environment stay as they are.
+class LightSwitch:
+    """When lights change, and from what to what.
 
     Attributes:
-        switch_frame: the first frame with the new light.
+        frame: the first frame with the new light.
         before: share of the lights' strength until then.
         after: share from then on.
     """
 
-    switch_frame: int = 0
-    before: float = 0.0
-    after: float = 1.0
+    frame: int
+    before: float
+    after: float
+
+    def share(self, frame: int) -> float:
+        """Share of the lights' strength in ``frame``."""
+        return self.before if frame < self.frame else self.after
+
+
+STANDING = LightSwitch(0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SwitchedScene(Scene):
+    """A scene whose lights change their strength once; what glows and the environment do not.
+
+    Attributes:
+        switch: when, and by how much.
+    """
+
+    switch: LightSwitch = STANDING
 
     def lights_at(self, frame: int) -> tuple[Light, ...]:
         """The lights in ``frame``."""
-        share = self.before if frame < self.switch_frame else self.after
+        share = self.switch.share(frame)
         return tuple(_scaled(light, share) for light in super().lights_at(frame))
 
 
-def switched(scene: Scene, frame: int, before: float, after: float) -> SwitchedScene:
-    """``scene`` with lights that change in ``frame``.
+def switched(scene: Scene, switch: LightSwitch) -> SwitchedScene:
+    """``scene`` with lights that change.
 
     Raises:
         BadInput: it has no light but what glows.
@@ -43,7 +59,7 @@ def switched(scene: Scene, frame: int, before: float, after: float) -> SwitchedS
             mend="give one with a point, spot or directional light by --scene",
         )
     parts = {item.name: getattr(scene, item.name) for item in fields(Scene)}
-    return SwitchedScene(**parts, switch_frame=frame, before=before, after=after)
+    return SwitchedScene(**parts, switch=switch)
 
 
 def _scaled(light: Light, share: float) -> Light:
@@ -62,14 +78,10 @@ class SwitchedShared(FrozenShared):
     """Shared scenes whose lights stand still but for one switch; what is baked depends on neither.
 
     Attributes:
-        switch_frame: the first frame with the new light.
-        before: share of the lights' strength until then.
-        after: share from then on.
+        switch: when, and by how much.
     """
 
-    switch_frame: int = 0
-    before: float = 0.0
-    after: float = 1.0
+    switch: LightSwitch = STANDING
     _switched: dict[str, Scene] = field(default_factory=dict, repr=False)
 
     def scene(self, name_or_path: str) -> Scene:
@@ -79,8 +91,5 @@ class SwitchedShared(FrozenShared):
             BadInput: it has no light that could be switched.
         """
         if name_or_path not in self._switched:
-            standing = super().scene(name_or_path)
-            self._switched[name_or_path] = switched(
-                standing, self.switch_frame, self.before, self.after
-            )
+            self._switched[name_or_path] = switched(super().scene(name_or_path), self.switch)
         return self._switched[name_or_path]

@@ -11,6 +11,7 @@ import numpy as np
 
 from gibench.device import Buffer, Device
 from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
+from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import DirectionalLight
 from gibench.techniques.frame_scene import FrameLightmap, FrameScene, border_texels
 from gibench.techniques.launching import prepare_launch
@@ -105,9 +106,25 @@ def dilate(receivers: FrameLightmap, target: Buffer, border: Buffer | None = Non
         args = (target, *size, border, np.int32(count))
         return [Launch(program, "dilate_border", args, items=count)]
 
-    filled = len(border_texels(receivers.lightmap))
-    work = Work(flops=filled * 3 * 2, bytes_read=filled * 12, bytes_written=filled * 12)
+    filled, read, pairs = dilated_texels(receivers.lightmap)
+    work = Work(flops=3 * (pairs + filled), bytes_read=12 * read, bytes_written=12 * filled)
     return Pass("dilate", launches, work)
+
+
+def dilated_texels(lightmap: Lightmap) -> tuple[int, int, int]:
+    """Texels that dilation fills, valid texels that it reads, and pairs of the two."""
+    valid = np.zeros((lightmap.height + 2, lightmap.width + 2), np.bool_)
+    filled = np.zeros_like(valid)
+    across = lightmap.width
+    for map_, texels in ((valid, lightmap.receivers.texel), (filled, border_texels(lightmap))):
+        map_[texels // across + 1, texels % across + 1] = True
+    read, pairs = np.zeros_like(valid), 0
+    for dy in (-1, 0, 1):
+        for dx in (-1, 0, 1):
+            met = valid & np.roll(filled, (dy, dx), (0, 1))
+            read |= met
+            pairs += int(np.count_nonzero(met))
+    return int(np.count_nonzero(filled)), int(np.count_nonzero(read)), pairs
 
 
 def forward_launch(

@@ -102,12 +102,13 @@ inline float guide_texel(__global const float *guide, bool knows, float *u, int 
 // trace_rays: one work-item per ray. Casts it from its surfel in a cosine-distributed direction (or
 // by the guide) and finds what comes back along it: emission, direct light and the surfels' own
 // irradiance of the last frame at the hit (endless bounces), or the environment.
-// ray_light: (rays,) radiance, W/m2/sr (with COUNT_RAYS=1 the number of shadow rays), and distance in m. ray_choice: (rays,) the factor by which
-// the direction is under-represented, and its texel.
+// ray_light: (rays,) radiance, W/m2/sr (with COUNT_RAYS=1 the number of shadow rays), and distance,
+// m. ray_choice: (rays,) the factor by which the direction is under-represented, and its texel.
 __kernel void trace_rays(__global const uint *frame, __global const uint *alive_ids,
                          __global const uint *births, __global const uint *ray_first,
                          __global const uint *ray_owner, __global const float *estimator,
-                         __global const float *guides, BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS, GATHER_PARAMS,
+                         __global const float *guides, BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS,
+                         ENVIRONMENT_PARAMS, GATHER_PARAMS,
                          __global float4 *ray_light, __global float2 *ray_choice)
 {
     const uint ray = get_global_id(0);

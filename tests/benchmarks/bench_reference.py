@@ -1,8 +1,8 @@
 """How much of the path-traced reference's time its rays take.
 
 Run with ``pytest tests/benchmarks/bench_reference.py --benchmark-enable -s``. The share is the rate
-of rays altogether over embreex's own rate at the same rays, in the same run: what Embree would reach
-if nothing had to be shaded, sampled or stored.
+of rays altogether over embreex's own rate at the same rays, in the same run: what Embree would
+reach if nothing had to be shaded, sampled or stored.
 """
 
 import os
@@ -37,7 +37,7 @@ def test_rays_take_most_of_the_time(request, name, receivers, paths):
     share = found.ray_seconds / found.seconds
     print(
         f"\n{Path(name).name}: {found.rays / 1e6:.0f} million rays in {found.seconds:.1f} s, "
-        f"{found.rays / found.seconds / 1e6:.2f} Mrays/s of {found.rays / found.ray_seconds / 1e6:.2f}"
-        f" in Embree alone: {share:.0%}"
+        f"{found.rays / found.seconds / 1e6:.2f} Mrays/s of "
+        f"{found.rays / found.ray_seconds / 1e6:.2f} in Embree alone: {share:.0%}"
     )
     assert share >= 0.6

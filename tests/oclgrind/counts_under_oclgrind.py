@@ -1,56 +1,44 @@
-"""Run one pass of a technique after a whole frame; meant for ``oclgrind --inst-counts``.
+"""Run one frame of a technique pass by pass; meant for ``oclgrind --inst-counts``.
 
-Prints ``PASS name`` before each pass's launches run once more, and its declared work. With one
-work-item's vector a float wide, so that instruction counts are operation counts.
+Prints ``PASS name`` before each pass's launches of the last frame and, after that frame, ``WORK
+name`` and the work that the pass declares.
 
-Usage: python counts_under_oclgrind.py TECHNIQUE VARIANT WORKGROUP_SIZE CACHE_DIR PASS...
+Usage: python counts_under_oclgrind.py CACHE_DIR FRAMES WIDTH HEIGHT CASE (a JSON object of Case's
+fields; width and height of the image in pixels)
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
-from gibench.device import Device
-from gibench.measure.enqueue import enqueue_frame, prepare_passes
-from gibench.profiles import load_profile
-from gibench.scene.atlas import unwrap
-from gibench.scene.builtin import build
-from gibench.techniques.registry import BakeContext, CreateContext, find_technique
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-RECEIVERS, WIDTH, HEIGHT = 300, 8, 8
-SMALL = {"sh_order": 3, "probes": 4, "relight_samples": 64, "transport_rays": 32}
+from cases import Case
+from run_case import created, suit_simulator
+
+from gibench.measure.enqueue import enqueue_frame
 
 
-def main(technique: str, variant: str, size: int, cache: Path, names: list[str]) -> None:
-    """Bake, create, run one frame, then each pass by itself."""
-    Device.vector_width = property(lambda self: 1)  # type: ignore[assignment]
-    spec = find_technique(technique)
-    known = spec.settings_type.__dataclass_fields__
-    settings = spec.settings({k: v for k, v in SMALL.items() if k in known})
-    scene = build("cornell-box")
-    lightmap = unwrap(scene, RECEIVERS)
-    baked = spec.bake(BakeContext(scene, lightmap, settings, cache))
-    device = Device(replace(load_profile("iphone7"), simd_width=1))
-    made = spec.create(
-        CreateContext(
-            *(device, scene, lightmap, settings, baked, variant, size),
-            *(WIDTH, HEIGHT, scene.cameras[0]),
-        )
-    )
-    prepared = prepare_passes(made, size)
-    enqueue_frame(made, prepared, 0)
-    made.begin_frame(1)
+def main(cache: Path, frames: int, width: int, height: int, case: Case) -> None:
+    """Bake, create, run all frames but one, then that one pass by pass."""
+    suit_simulator(case.width)
+    made, prepared = created(case, cache, width, height)
+    for frame in range(frames - 1):
+        enqueue_frame(made, prepared, frame)
+    made.begin_frame(frames - 1)
     for item in prepared:
-        if item.name in names:
-            print("PASS", item.name, json.dumps(asdict(item.work)), flush=True)
-            for launch in item.launches:
-                launch.enqueue(device.queue)
-                device.queue.finish()
+        print("PASS", item.name, flush=True)
+        for launch in item.launches:
+            launch.enqueue(made.device.queue)
+            made.device.queue.finish()
     print("END", flush=True)
+    for item in prepared:
+        work = item.counted(case.size) if item.counted else item.work
+        print("WORK", item.name, json.dumps(asdict(work)), flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), Path(sys.argv[4]), sys.argv[5:])
+    main(Path(sys.argv[1]), *(int(n) for n in sys.argv[2:5]), Case(**json.loads(sys.argv[5])))

@@ -28,7 +28,7 @@ from reference_scenes import lightmap_of, random_scene
 from gibench.bake import srp_bake, transport
 from gibench.device import Device, list_devices
 from gibench.measure import roofs as roofs_module
-from gibench.measure.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.enqueue import PreparedPass, enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
 from gibench.rays.bvh import build_bvh
 from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
@@ -41,7 +41,7 @@ from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.atlas import unwrap
 from gibench.scene.builtin import build
 from gibench.scene.model import Camera
-from gibench.scene.motion import Motion, Turn
+from gibench.scene.motion import Turn
 from gibench.scene.moving_objects import MovingObjects
 from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec, find_technique
 from gibench.techniques.technique import Technique
@@ -61,6 +61,7 @@ SMALL = {
     "placement_chance": 1.0,
 }
 PROFILE = replace(load_profile("iphone7"), simd_width=1)
+MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))
 
 
 class InlinePool:
@@ -131,25 +132,17 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
     return spec, context, spec.bake(context)
 
 
-def frames(case: Case, cache: Path) -> None:
-    """Create a technique, run some frames of it, draw its images and read its receivers."""
-    made = run_frames(case, cache, None)
-    made.indirect_irradiance()
-
-
-def moving(case: Case, cache: Path) -> None:
-    """Run frames of a technique while a box and a wall turn."""
-    run_frames(case, cache, (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0))))
-
-
-def run_frames(case: Case, cache: Path, motions: tuple[Motion, ...] | None) -> Technique:
+def created(
+    case: Case, cache: Path, width: int = WIDTH, height: int = HEIGHT
+) -> tuple[Technique, list[PreparedPass]]:
+    """A technique and its passes, ready for frames; in ``moving`` a box and a wall turn."""
     spec, context, data = baked(case, cache)
     scene = context.scene
-    motion = None if motions is None else MovingObjects.of(scene, motions)
+    motion = MovingObjects.of(scene, MOTIONS) if case.what == "moving" else None
     made = spec.create(
         CreateContext(
             *(Device(PROFILE), scene, context.lightmap, context.settings, data),
-            *(case.variant, case.size, WIDTH, HEIGHT, scene.cameras[0]),
+            *(case.variant, case.size, width, height, scene.cameras[0]),
             motion=motion,
         )
     )
@@ -157,10 +150,24 @@ def run_frames(case: Case, cache: Path, motions: tuple[Motion, ...] | None) -> T
     for item in prepared:
         if item.problem:
             raise SystemExit(f"{item.name}: {item.problem}")
+    return made, prepared
+
+
+def frames(case: Case, cache: Path) -> None:
+    """Create a technique, run some frames of it, draw its images and read its receivers."""
+    made, prepared = created(case, cache)
     for frame in range(FRAMES):
         enqueue_frame(made, prepared, frame)
     made.images()
-    return made
+    made.indirect_irradiance()
+
+
+def moving(case: Case, cache: Path) -> None:
+    """Run frames of a technique on a scene that moves."""
+    made, prepared = created(case, cache)
+    for frame in range(FRAMES):
+        enqueue_frame(made, prepared, frame)
+    made.images()
 
 
 def roofs(case: Case, cache: Path) -> None:
@@ -213,14 +220,19 @@ def reference(case: Case, cache: Path) -> None:
         assert mean.max() > 0
 
 
+def suit_simulator(width: int) -> None:
+    """One thread, and vectors of ``width`` floats."""
+    os.cpu_count = lambda: 1
+    srp_bake.ThreadPoolExecutor = InlinePool  # type: ignore[misc,assignment]
+    Device.vector_width = property(lambda self: width)  # type: ignore[assignment]
+    transport.vector_width = lambda device: width
+
+
 def main(cache: Path, cases: list[Case]) -> None:
     """Run ``cases`` and print the kernels."""
     ran = record_kernels()
-    os.cpu_count = lambda: 1
-    srp_bake.ThreadPoolExecutor = InlinePool  # type: ignore[misc,assignment]
     for case in cases:
-        Device.vector_width = property(lambda self, case=case: case.width)  # type: ignore[assignment]
-        transport.vector_width = lambda device, case=case: case.width
+        suit_simulator(case.width)
         globals()[case.what](case, cache)
     print(*sorted(ran), sep="\n")
 

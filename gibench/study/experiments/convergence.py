@@ -22,7 +22,7 @@ from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Point, markdown
 from gibench.study.rows import Rows
 from gibench.study.settle import refuse_missing
-from gibench.study.switched import SwitchedShared
+from gibench.study.switched import LightSwitch, SwitchedShared
 from gibench.study.through_camera import view
 
 _IMAGE = (640, 360)
@@ -86,13 +86,8 @@ def _points(context: Context) -> Iterator[Point]:
     samples = Rows.at(context.folder.path / "convergence-samples.csv", _KEYS, _SAMPLE)
     for name in context.scene_or("atrium"):
         for switch, (before, after) in _SWITCHES.items():
-            shared = SwitchedShared(
-                context.cache,
-                context.seed,
-                switch_frame=_lengths(context).before,
-                before=before,
-                after=after,
-            )
+            change = LightSwitch(_lengths(context).before, before, after)
+            shared = SwitchedShared(context.cache, context.seed, switch=change)
             scene = shared.scene(name).name
             for profile in context.profiles:
                 for technique, setting, settings in _SETTINGS:

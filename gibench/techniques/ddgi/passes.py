@@ -59,9 +59,7 @@ class DdgiPasses:
     def passes(self) -> list[Pass]:
         """The passes of a frame, in order."""
         p, s = self.probes.volume.probes, self.probes.settings
-        texels, far = s.irradiance_texels**2, s.distance_texels**2
-        width = STORED[s.storage].itemsize
-        shaded = p * s.blended
+        width, shaded = self._map_width, p * s.blended
         border = 4 * (s.irradiance_texels + 1) * 4 + 4 * (s.distance_texels + 1) * 2
         pixels = self.scene.width * self.scene.height
         applied = Work(bytes_written=12 * pixels, rays=pixels)
@@ -85,21 +83,14 @@ class DdgiPasses:
             Pass(
                 "blend_irradiance",
                 self.blending.irradiance,
-                # Half of the rays have a positive cosine with a texel.
-                Work(
-                    flops=shaded / 2 * texels * 4 * 2,
-                    bytes_read=16 * shaded + p * texels * 3 * width,
-                    bytes_written=p * texels * (3 * width + 4),
-                ),
+                self._irradiance_blended(p),
+                lambda size: self._irradiance_blended(self._active()),
             ),
             Pass(
                 "blend_distance",
                 self.blending.distance,
-                Work(
-                    flops=shaded * distance_share(s) * far * 2 * 2,
-                    bytes_read=4 * shaded + p * far * 2 * width,
-                    bytes_written=p * far * 2 * width,
-                ),
+                self._distance_blended(p),
+                lambda size: self._distance_blended(self._active()),
             ),
             Pass(
                 "border_copy",
@@ -110,7 +101,8 @@ class DdgiPasses:
             Pass(
                 "variability",
                 self._variability,
-                Work(flops=p * texels, bytes_read=4 * p * texels, bytes_written=4),
+                self._averaged(p),
+                lambda size: self._averaged(self._active()),
             ),
             Pass(
                 "application",
@@ -147,11 +139,49 @@ class DdgiPasses:
         nbytes = 16 * self._active() * p.settings.blended
         return Work(bytes_read=nbytes, bytes_written=nbytes, rays=float(shadow_rays))
 
+    def _irradiance_blended(self, active: int) -> Work:
+        """The least ``blend_irradiance`` does; half of the rays have a positive cosine with a
+        texel.
+        """
+        s = self.probes.settings
+        rays, texels, width = active * s.blended, s.irradiance_texels**2, self._map_width
+        return Work(
+            flops=rays / 2 * texels * 4 * 2,
+            bytes_read=16 * rays + active * texels * 3 * width,
+            bytes_written=active * texels * (3 * width + 4),
+        )
+
+    def _distance_blended(self, active: int) -> Work:
+        s = self.probes.settings
+        rays, texels, width = active * s.blended, s.distance_texels**2, self._map_width
+        return Work(
+            flops=rays * distance_share(s) * texels * 2 * 2,
+            bytes_read=4 * rays + active * texels * 2 * width,
+            bytes_written=active * texels * 2 * width,
+        )
+
+    def _averaged(self, active: int) -> Work:
+        texels = active * self.probes.settings.irradiance_texels**2
+        return Work(flops=texels, bytes_read=4 * texels, bytes_written=4)
+
+    @property
+    def _map_width(self) -> int:
+        """Bytes of a value in the maps."""
+        return STORED[self.probes.settings.storage].itemsize
+
     def _moving(self) -> list[Pass]:
+        """Relocation, where it is on, and classification: what both read of a probe's fixed rays,
+        and what they write of its offset and state.
+        """
         p, s = self.probes.volume.probes, self.probes.settings
-        work = Work(bytes_read=p * (4 * s.fixed + 16), bytes_written=p * 16)
-        found = [Pass("classification", self._classification, work)]
-        return [Pass("relocation", self._relocation, work), *found] if s.relocation else found
+        # A probe's offset over the spacing, and its square.
+        moved = Work(flops=p * 8, bytes_read=p * (4 * s.fixed + 16), bytes_written=p * 16)
+        rays = 4 * p * s.fixed + 12 * s.fixed if s.classification else 0
+        # A ray's way to the sides of its probe's cell: the same for every probe.
+        sides = 3.0 * s.fixed if s.classification else 0.0
+        classified = Work(flops=sides, bytes_read=rays + 8 * p, bytes_written=4 * p)
+        found = [Pass("classification", self._classification, classified)]
+        return [Pass("relocation", self._relocation, moved), *found] if s.relocation else found
 
     def application(self, show: int = SHOW_DIRECT | SHOW_INDIRECT) -> Launch:
         """The launch that renders the camera image with the probes' light."""

@@ -301,11 +301,13 @@ class SurfelGrid:
         args = (self.starts, self.ids, self.surfels.mean, self.surfels.nearest, self.packed)
         return [Launch(program, "pack_irradiance", args, items=self.grid.cells)]
 
+    def entered(self) -> int:
+        """Entries that surfels have in the lists, those that found no room included."""
+        return int(self.device.read(self.counts if self.published else self.starts)[-1])
+
     def dropped(self) -> int:
         """Entries that found no room in the lists; none ever as published."""
-        if self.published:
-            return 0
-        return max(int(self.device.read(self.starts)[-1]) - self.entries, 0)
+        return 0 if self.published else max(self.entered() - self.entries, 0)
 
     def read_lists(self) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
         """Bounds (cells + 1,) of every cell's list and the IDs, read back."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -20,7 +21,7 @@ from gibench.techniques.gibs.grid import (
     SurfelGrid,
     UniformGrid,
 )
-from gibench.techniques.gibs.passes import CameraView, FramePasses
+from gibench.techniques.gibs.passes import CameraView, FramePasses, tiles_of
 from gibench.techniques.gibs.settings import PERSPECTIVE, GibsSettings
 from gibench.techniques.gibs.surfels import (
     COUNT_ALIVE,
@@ -145,18 +146,27 @@ class Gibs:
         return [Pass(name, build, work[name], counted(name)) for name, build in launches.items()]
 
     def _work(self) -> dict[str, Work]:
-        """The work of the frame last begun, by pass, without shadow rays."""
-        return frame_work(
-            FrameSizes(
-                alive=self._alive,
-                rays=self._rays,
-                pixels=self.scene.width * self.scene.height,
-                cells=self.grid.grid.cells,
-                neighbours=self.grid.published,
-                depth=self.settings.depth_moments,
-                guiding=self.settings.ray_guiding,
-            )
+        """The work of the frame last run, by pass, without shadow rays."""
+        sizes = FrameSizes(
+            alive=self._alive,
+            rays=self._rays,
+            pixels=self.scene.width * self.scene.height,
+            tiles=tiles_of(self.scene.width, self.scene.height),
+            cells=self.grid.grid.cells,
+            neighbours=self.grid.published,
+            depth=self.settings.depth_moments,
+            guiding=self.settings.ray_guiding,
         )
+        if self._number:
+            coverage = self.coverage()
+            sizes = replace(
+                sizes,
+                entries=self.grid.entered(),
+                surface=int(np.count_nonzero(np.isfinite(coverage))),
+                covered=int(np.count_nonzero(coverage > 0)),
+                placed=int(self.device.read(self.surfels.counters)[COUNT_PLACED]),
+            )
+        return frame_work(sizes)
 
     def begin_frame(self, frame: int) -> None:
         """Move lights, camera and objects, and tell the device what the frame is."""
