@@ -32,7 +32,7 @@ def test_rays_take_most_of_the_time(request, name, receivers, paths):
         pytest.skip(f"{SPONZA} is not here")
     scene = load_scene(name)
     lightmap = unwrap(scene, receivers)
-    reference_irradiance(scene, lightmap, paths=1)  # builds kernels
+    reference_irradiance(scene, lightmap, paths=8)  # builds kernels
     found = reference_irradiance(scene, lightmap, paths=paths)
     share = found.ray_seconds / found.seconds
     print(
