@@ -77,6 +77,7 @@ def test_the_disk_fills_while_samples_are_written(run, tmp_path, monkeypatch, ca
 
 
 def test_ctrl_c_while_samples_are_stored_waits_for_them(run, tmp_path, monkeypatch, capsys) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     append, calls = run_folder.RunFolder.append_samples, []
 
     def signalled(self, rows) -> None:

@@ -48,16 +48,12 @@ class BakeReport:
     stored_bytes: int = 0
 
 
-# Part of every key: raise it when the same settings bake something else.
-_CONTENT_VERSION = 1
-
-
 def bake_key(scene: Scene, lightmap: Lightmap, settings: SrpBakeSettings, seed: int) -> str:
     """SHA-256 of everything the bake depends on."""
     given = scene.probes.positions
     digest = hashlib.sha256()
     for part in (
-        f"srp {FORMAT_VERSION} {_CONTENT_VERSION}",
+        f"srp {FORMAT_VERSION}",
         scene.geometry_hash(),
         lightmap.content_hash(),
         settings.key(),

@@ -35,7 +35,7 @@ from gibench.errors import BadInput, CannotRun
 from gibench.progress import progress
 
 # Raised whenever what is baked, or how it is stored, changes.
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MAGIC = b"GIBENCH1"
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -59,9 +59,7 @@ class BakeStore:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _unwritable(self.path, error) from error
-        manifest = {"format": FORMAT_VERSION, "key": key, **made_from}
-        if not (self.path / "manifest.json").exists():
-            self._write("manifest.json", json.dumps(manifest, indent=2).encode())
+        self._manifest = {"format": FORMAT_VERSION, "key": key, **made_from}
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -79,6 +77,8 @@ class BakeStore:
             raise _unwritable(self.path, error) from error
         try:
             self._sweep()
+            if not (self.path / "manifest.json").exists():
+                self._write("manifest.json", json.dumps(self._manifest, indent=2).encode())
             yield
         finally:
             lock.release()
