@@ -74,7 +74,10 @@ def _unpack(revision: str, beneath: Path) -> Path:
         ) from error
     root = beneath / commit
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
-        tar.extractall(root, filter="data")
+        if hasattr(tarfile, "data_filter"):  # not in Python 3.11.0 to 3.11.3
+            tar.extractall(root, filter="data")
+        else:
+            tar.extractall(root)  # git's own archive of the user's repository
     return root / FOLDER
 
 
