@@ -8,6 +8,7 @@
 //   finalise writes, so that nothing is cleared. List of cell c: ids[starts[c]] to
 //   ids[starts[c + 1] - 1], ascending; beside it `packed` holds what a lookup reads, in list order.
 // An entry that finds no room is dropped; the total tells.
+#include "common/rigid.cl"
 #include "gibs/frame.cl"
 #include "gibs/grid.cl"
 
@@ -34,12 +35,9 @@ __kernel void transform_and_count(__global const uint *frame, __global const flo
     if (i >= frame[FRAME_ALIVE])
         return;
     const uint id = alive_ids[i];
-    __global const float *m = transforms + 12 * (object_ids[id] - 1);
-    const float3 p = surfel_load3(local_position, id), n = surfel_load3(local_normal, id);
-    const float3 x = (float3)(m[0], m[4], m[8]), y = (float3)(m[1], m[5], m[9]);
-    const float3 z = (float3)(m[2], m[6], m[10]), t = (float3)(m[3], m[7], m[11]);
-    const float3 position = x * p.x + y * p.y + z * p.z + t;
-    const float3 normal = x * n.x + y * n.y + z * n.z;
+    const Rigid object = rigid_load(transforms, object_ids[id] - 1);
+    const float3 position = rigid_point(&object, surfel_load3(local_position, id));
+    const float3 normal = rigid_direction(&object, surfel_load3(local_normal, id));
     const float away = length(position - frame_camera(frame));
     const float radius = clamp(away * frame_float(frame, FRAME_ANGLE),
                                frame_float(frame, FRAME_MIN_RADIUS),

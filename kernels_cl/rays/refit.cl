@@ -5,6 +5,7 @@
 // Bounds are least and greatest coordinates of the very floats that the triangle test reads: exact,
 // with no rounding that could lose a hit.
 #include "common/bvh.cl"
+#include "common/rigid.cl"
 
 // move_vertices: one work-item per moving vertex.
 // transforms: (objects, 12) object to world, 3 x 4 row-major, rigid, this frame's. vertices: (count,)
@@ -19,13 +20,10 @@ __kernel void move_vertices(__global const float *transforms, __global const int
     const int i = get_global_id(0);
     if (i >= count)
         return;
-    __global const float *m = transforms + 12 * vertex_objects[i];
-    const float3 p = load3(rest_positions, i), n = load3(rest_normals, i);
-    const float3 x = (float3)(m[0], m[4], m[8]), y = (float3)(m[1], m[5], m[9]);
-    const float3 z = (float3)(m[2], m[6], m[10]), t = (float3)(m[3], m[7], m[11]);
+    const Rigid object = rigid_load(transforms, vertex_objects[i]);
     const int at = vertices[i];
-    store3(positions, at, x * p.x + y * p.y + z * p.z + t);
-    store3(normals, at, x * n.x + y * n.y + z * n.z);
+    store3(positions, at, rigid_point(&object, load3(rest_positions, i)));
+    store3(normals, at, rigid_direction(&object, load3(rest_normals, i)));
 }
 
 // refit_leaves: one work-item per moving triangle; its corners into its leaf block.
