@@ -94,6 +94,26 @@ def test_lightmap_update(size, bounces):
     assert 0 < declared.work.rays <= 3 * 333
 
 
+def test_lightmap_update_counts_its_rays_in_the_frame_last_run():
+    rng = np.random.default_rng(7)
+    scene = random_scene(rng)
+    lightmap = random_lightmap(rng, scene, 333, 25, 40)
+    device = open_device()
+    shared = FrameScene(device, scene, 8, 8, scene.cameras[0])
+    receivers = FrameLightmap.upload(device, lightmap)
+    maps = receivers.new_map("indirect"), receivers.new_map("radiance")
+    declared = lightmap_update(shared, receivers, *maps, True)
+    r = lightmap.receivers
+    normal = r.normal.astype(np.float64)
+    counts = []
+    for frame in (0, 60, 180):
+        shared.begin_frame(frame)
+        lit = direct_irradiance(scene, frame, r.position, normal, normal)
+        counts.append(declared.counted(32).rays)
+        assert abs(counts[-1] - lit.rays.sum()) <= 3 * (~lit.certain).sum()
+    assert len(set(counts)) > 1
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("listed", [False, True])
 def test_dilate(size, listed):

@@ -279,6 +279,16 @@ def test_quality_leaves_what_it_promises(run):
     assert "none is a time of the modelled device" in (out / "quality.md").read_text().lower()
 
 
+def test_paths_bound_the_reference_whatever_its_target(run, tmp_path):
+    _, cache = run
+    bound = ("--target-error", "1e-6", "--reference-paths", "24")
+    options = ("-t", "direct", *bound, "--cache-dir", str(cache), "--out", str(tmp_path))
+    assert call(["quality", *SMALL, *options]) == 0
+    row = pd.read_csv(tmp_path / "quality.csv").iloc[0]
+    assert row["reference_paths"] == 24
+    assert row["reference_error"] > 1e-3
+
+
 def test_what_a_technique_does_not_cover_is_told_apart(run, tmp_path, capsys):
     """A camera at rest: GIBS has no surfels on the backs of the boxes, which count as black."""
     out, cache = run
@@ -327,6 +337,7 @@ def test_a_stored_reference_serves_again_and_for_nothing_else(run, tmp_path, cap
         (["--target-error", "0"], "never reached"),
         (["--target-error", "-1"], "never reached"),
         (["--target-error", "nan"], "never reached"),
+        (["--reference-paths", "7"], "give no standard error"),
         (["--region", "r=0.5,0.5,1.5,0.9"], "leaves the image"),
         (["--reference", "no-such.npz"], "no such file"),
         (["--camera", "nowhere"], "has no camera"),

@@ -59,6 +59,16 @@ def quality(
             rich_help_panel=options.TRUTH,
         ),
     ] = 1,
+    reference_paths: Annotated[
+        int | None,
+        typer.Option(
+            "--reference-paths",
+            metavar="N",
+            help="Paths per receiver at most, whatever the target error; by default as many as it "
+            "takes.",
+            rich_help_panel=options.TRUTH,
+        ),
+    ] = None,
     region: Annotated[
         list[str] | None,
         typer.Option(
@@ -154,10 +164,12 @@ def quality(
         regions=tuple(region or ()),
         reference=reference,
         reference_seed=reference_seed,
+        reference_paths=reference_paths,
     )
     check_views(configurations, how, shared)
     arguments = options.recorded(
-        locals(), "light_frame", "bounces", "target_error", "reference_seed", "region"
+        *(locals(), "light_frame", "bounces", "target_error", "reference_seed"),
+        *("reference_paths", "region"),
     )
     arguments["reference"] = reference and reference.name
     path = out or Path(

@@ -12,11 +12,14 @@ from importlib.resources.abc import Traversable
 from gibench.errors import GibenchError
 from gibench.resources import data
 
+# Begins every program; trees of revisions before it have none.
+_PRELUDE = "common/builtins.cl"
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$', re.MULTILINE)
 
 
 def kernel_source(path: str, root: Traversable | None = None) -> str:
-    """The source of ``path`` with every ``#include "..."`` expanded once.
+    """The source of ``path`` with every ``#include "..."`` expanded once, after the builtins that
+    are inlined (``common/builtins.cl``).
 
     Args:
         path: file beneath ``kernels_cl``, for instance ``"srp/tuned.cl"``. Includes are named the
@@ -26,7 +29,10 @@ def kernel_source(path: str, root: Traversable | None = None) -> str:
     Raises:
         GibenchError: a file is missing.
     """
-    return _expand(path, data("kernels_cl") if root is None else root, set())
+    tree, seen = data("kernels_cl") if root is None else root, set[str]()
+    has_prelude = tree.joinpath(*_PRELUDE.split("/")).is_file()
+    prelude = _expand(_PRELUDE, tree, seen) if has_prelude else ""
+    return prelude + _expand(path, tree, seen)
 
 
 def _expand(path: str, root: Traversable, seen: set[str]) -> str:

@@ -17,7 +17,7 @@ from gibench.measure.setup import LoopOptions
 from gibench.measure.view import choose_camera
 from gibench.reference.lights import Doubles
 from gibench.reference.metrics import Measure
-from gibench.reference.path_tracer import reference_irradiance
+from gibench.reference.path_tracer import LEAST_ROUNDS, reference_irradiance
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS, Truth, bias_of_covered, errors
@@ -53,6 +53,7 @@ class QualityOptions:
         regions: as typed (see :func:`gibench.study.regions.read_regions`).
         reference: ``receivers.npz`` whose reference is taken instead of path tracing.
         reference_seed: of the path tracer.
+        reference_paths: per receiver at most; None for as many as the target error takes.
     """
 
     loop: LoopOptions
@@ -62,6 +63,7 @@ class QualityOptions:
     regions: tuple[str, ...] = ()
     reference: Path | None = None
     reference_seed: int = 1
+    reference_paths: int | None = None
 
 
 @dataclass
@@ -131,6 +133,12 @@ def check_views(
         CannotRun: objects move.
     """
     check_target_error(options.target_error)
+    if options.reference_paths is not None and options.reference_paths < LEAST_ROUNDS:
+        raise BadInput(
+            f"{options.reference_paths} paths give no standard error",
+            where="--reference-paths",
+            mend=f"give {LEAST_ROUNDS} or more",
+        )
     refuse_motion(options.loop)
     for configuration in configurations:
         scene = shared.scene(configuration.scene)
@@ -214,6 +222,7 @@ def group_of(configuration: Configuration, options: QualityOptions, shared: Froz
             lightmap,
             bounces=options.bounces,
             target_error=options.target_error,
+            paths=options.reference_paths,
             seed=options.reference_seed,
             store_dir=shared.cache_dir,
         )

@@ -151,6 +151,7 @@ class FrameScene:
 
     Attributes:
         camera: the view of the frame last begun.
+        frame: the frame last begun; 0 before any.
 
     Raises:
         CannotRun: it does not fit the device's profile.
@@ -169,6 +170,7 @@ class FrameScene:
     ) -> None:
         self.device, self.scene = device, scene
         self.camera = self._resting = camera
+        self.frame = 0
         self._flight, self._motion = flight, motion
         self.width, self.height = width, height
         self.bvh = build_bvh(scene.corners) if bvh is None else bvh
@@ -241,6 +243,7 @@ class FrameScene:
 
     def begin_frame(self, frame: int) -> None:
         """Move lights and camera to where they are in ``frame``, and tell where the objects are."""
+        self.frame = frame
         self.device.write(self._lights, light_table(self.scene.lights_at(frame)))
         if self._moving is not None and self._motion is not None:
             self._moving.move(self._motion.transforms_in(frame))

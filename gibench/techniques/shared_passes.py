@@ -4,6 +4,7 @@ render.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ import numpy as np
 from gibench.device import Buffer, Device
 from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import DirectionalLight
+from gibench.scene.model import DirectionalLight, SpotLight
 from gibench.techniques.frame_scene import FrameLightmap, FrameScene, border_texels
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Technique, Work
@@ -36,8 +37,8 @@ def lightmap_update(
 ) -> Pass:
     """The pass that writes every receiver's outgoing radiance.
 
-    Its work counts one shadow ray for every receiver and light that faces it in frame 0, and no
-    flops: rays are its measure.
+    Its work counts one shadow ray for every receiver and light that shines on its front, lights
+    as in the frame last begun, and no flops: rays are its measure.
 
     Args:
         scene: the scene on the device.
@@ -68,21 +69,36 @@ def lightmap_update(
     work = Work(
         bytes_read=count * (4 * 13 + (12 if bounces else 0)),
         bytes_written=count * 16,
-        rays=facing_lights(scene, receivers),
+        rays=lit_pairs(scene, receivers),
     )
-    return Pass("lightmap_update", launches, work)
+
+    def counted(workgroup_size: int) -> Work:
+        return replace(work, rays=lit_pairs(scene, receivers))
+
+    return Pass("lightmap_update", launches, work, counted)
 
 
-def facing_lights(scene: FrameScene, receivers: FrameLightmap) -> int:
-    """Pairs of a receiver and a light on its front side, lights as in frame 0."""
+def lit_pairs(scene: FrameScene, receivers: FrameLightmap) -> int:
+    """Pairs of a receiver and a light that shines on its front, whatever may lie between, lights as
+    in the frame last begun.
+    """
     r = receivers.lightmap.receivers
     pairs = 0
-    for light in scene.scene.lights_at(0):
+    for light in scene.scene.lights_at(scene.frame):
         if isinstance(light, DirectionalLight):
             towards = -np.broadcast_to(np.asarray(light.direction, np.float32), r.position.shape)
+            power = light.irradiance
         else:
             towards = np.asarray(light.position, np.float32) - r.position
-        pairs += int(np.count_nonzero(np.einsum("ij,ij->i", towards, r.normal) > 0))
+            power = light.intensity
+        lit = np.einsum("ij,ij->i", towards, r.normal) > 0
+        if isinstance(light, SpotLight):
+            axis = np.asarray(light.direction, np.float32)
+            within = -(towards @ axis) > math.cos(light.outer_angle) * np.linalg.norm(
+                towards, axis=1
+            )
+            lit &= within
+        pairs += int(np.count_nonzero(lit)) if any(power) else 0
     return pairs
 
 

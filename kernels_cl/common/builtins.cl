@@ -1,0 +1,297 @@
+// OpenCL C's small builtins as inline functions, for PoCL; begins every program (device/source.py).
+//
+// PoCL links its builtins from a library that was compiled for another processor than the kernels
+// (all with AVX2 as for Haswell). LLVM does not inline across that difference: every dot, clamp or
+// sqrt stays a function call, and around a call no vector register survives. Elsewhere this file
+// is empty and the compiler's own builtins serve.
+//
+// Each does what the specification says (OpenCL 1.2, sections 6.12.2 to 6.12.7) within its accuracy,
+// but that length, distance and normalize do not guard against overflow of the squares. A type
+// that is missing here is an error of compilation, never a silent call.
+#ifndef GIBENCH_BUILTINS
+#define GIBENCH_BUILTINS
+#if defined(POCL_DEVICE_ADDRESS_BITS) && defined(__clang__) && defined(__x86_64__)
+
+#undef min
+#undef max
+#undef clamp
+#undef mix
+#undef fmin
+#undef fmax
+#undef fabs
+#undef floor
+#undef ceil
+#undef sqrt
+#undef rsqrt
+#undef copysign
+#undef smoothstep
+#undef dot
+#undef cross
+#undef length
+#undef distance
+#undef normalize
+#undef select
+#undef any
+#undef convert_float2
+#undef convert_float3
+#undef convert_int2
+#undef convert_int3
+#undef convert_int3_rtn
+#undef convert_float8
+#undef convert_float16
+#undef clz
+#undef vload2
+#undef vload3
+#undef vload4
+#undef vload8
+#undef vload16
+#undef vstore2
+#undef vstore3
+#undef vstore4
+#undef vstore8
+#undef vstore16
+
+#define INLINE_BUILTIN static inline __attribute__((overloadable, always_inline))
+
+// -- numbers and vectors of them --------------------------------------------------------------
+
+// x86's own minimum and maximum are these very conditionals.
+#define INLINE_ORDERED(T) \
+    INLINE_BUILTIN T inline_min(T a, T b) { return b < a ? b : a; } \
+    INLINE_BUILTIN T inline_max(T a, T b) { return a < b ? b : a; } \
+    INLINE_BUILTIN T inline_clamp(T x, T low, T high) { return inline_min(inline_max(x, low), high); }
+#define INLINE_ORDERED_BY_NUMBERS(T, S) \
+    INLINE_ORDERED(T) \
+    INLINE_BUILTIN T inline_min(T a, S b) { return inline_min(a, (T)(b)); } \
+    INLINE_BUILTIN T inline_max(T a, S b) { return inline_max(a, (T)(b)); } \
+    INLINE_BUILTIN T inline_clamp(T x, S low, S high) { return inline_clamp(x, (T)(low), (T)(high)); }
+
+INLINE_ORDERED(int)
+INLINE_ORDERED(uint)
+INLINE_ORDERED(long)
+INLINE_ORDERED(ulong)
+INLINE_ORDERED(float)
+INLINE_ORDERED_BY_NUMBERS(int2, int)
+INLINE_ORDERED_BY_NUMBERS(int3, int)
+INLINE_ORDERED_BY_NUMBERS(int4, int)
+INLINE_ORDERED_BY_NUMBERS(float2, float)
+INLINE_ORDERED_BY_NUMBERS(float3, float)
+INLINE_ORDERED_BY_NUMBERS(float4, float)
+INLINE_ORDERED_BY_NUMBERS(float8, float)
+INLINE_ORDERED_BY_NUMBERS(float16, float)
+
+// Of a number and something that is none, fmin and fmax give the number.
+#define INLINE_FLOATS(T) \
+    INLINE_BUILTIN T inline_fmin(T a, T b) { return __builtin_elementwise_min(a, b); } \
+    INLINE_BUILTIN T inline_fmax(T a, T b) { return __builtin_elementwise_max(a, b); } \
+    INLINE_BUILTIN T inline_fabs(T x) { return __builtin_elementwise_abs(x); } \
+    INLINE_BUILTIN T inline_floor(T x) { return __builtin_elementwise_floor(x); } \
+    INLINE_BUILTIN T inline_ceil(T x) { return __builtin_elementwise_ceil(x); } \
+    INLINE_BUILTIN T inline_mix(T a, T b, T t) { return a + (b - a) * t; } \
+    INLINE_BUILTIN T inline_rsqrt(T x) { return 1.0f / inline_sqrt(x); } \
+    INLINE_BUILTIN T inline_smoothstep(T low, T high, T x) \
+    { \
+        const T t = inline_clamp((x - low) / (high - low), (T)(0.0f), (T)(1.0f)); \
+        return t * t * (3.0f - 2.0f * t); \
+    }
+#define INLINE_FLOATS_BY_NUMBERS(T, I) \
+    INLINE_FLOATS(T) \
+    INLINE_BUILTIN T inline_fmin(T a, float b) { return inline_fmin(a, (T)(b)); } \
+    INLINE_BUILTIN T inline_fmax(T a, float b) { return inline_fmax(a, (T)(b)); } \
+    INLINE_BUILTIN T inline_mix(T a, T b, float t) { return a + (b - a) * t; } \
+    INLINE_BUILTIN T inline_copysign(T x, T sign) \
+    { \
+        return __builtin_astype((__builtin_astype(x, I) & (I)(0x7fffffff)) | \
+                                    (__builtin_astype(sign, I) & (I)(0x80000000)), \
+                                T); \
+    }
+
+INLINE_BUILTIN float inline_sqrt(float x) { return __builtin_sqrtf(x); }
+INLINE_BUILTIN float2 inline_sqrt(float2 x) { return (float2)(inline_sqrt(x.x), inline_sqrt(x.y)); }
+INLINE_BUILTIN float3 inline_sqrt(float3 x) { return (float3)(inline_sqrt(x.xy), inline_sqrt(x.z)); }
+INLINE_BUILTIN float4 inline_sqrt(float4 x) { return (float4)(inline_sqrt(x.lo), inline_sqrt(x.hi)); }
+INLINE_BUILTIN float8 inline_sqrt(float8 x) { return (float8)(inline_sqrt(x.lo), inline_sqrt(x.hi)); }
+INLINE_BUILTIN float16 inline_sqrt(float16 x) { return (float16)(inline_sqrt(x.lo), inline_sqrt(x.hi)); }
+
+INLINE_FLOATS(float)
+INLINE_FLOATS_BY_NUMBERS(float2, int2)
+INLINE_FLOATS_BY_NUMBERS(float3, int3)
+INLINE_FLOATS_BY_NUMBERS(float4, int4)
+INLINE_FLOATS_BY_NUMBERS(float8, int8)
+INLINE_FLOATS_BY_NUMBERS(float16, int16)
+INLINE_BUILTIN float inline_copysign(float x, float sign) { return __builtin_copysignf(x, sign); }
+
+// -- geometry ---------------------------------------------------------------------------------
+
+INLINE_BUILTIN float inline_dot(float2 a, float2 b) { return a.x * b.x + a.y * b.y; }
+INLINE_BUILTIN float inline_dot(float3 a, float3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+INLINE_BUILTIN float inline_dot(float4 a, float4 b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z + a.w * b.w;
+}
+INLINE_BUILTIN float3 inline_cross(float3 a, float3 b)
+{
+    return (float3)(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x);
+}
+#define INLINE_GEOMETRY(T) \
+    INLINE_BUILTIN float inline_length(T v) { return inline_sqrt(inline_dot(v, v)); } \
+    INLINE_BUILTIN float inline_distance(T a, T b) { return inline_length(a - b); } \
+    INLINE_BUILTIN T inline_normalize(T v) \
+    { \
+        const float squared = inline_dot(v, v); \
+        return squared > 0.0f ? v * (1.0f / inline_sqrt(squared)) : v; \
+    }
+INLINE_GEOMETRY(float2)
+INLINE_GEOMETRY(float3)
+INLINE_GEOMETRY(float4)
+
+// -- choosing and converting ------------------------------------------------------------------
+
+INLINE_BUILTIN int inline_any(int2 v) { return (v.x | v.y) < 0; }
+INLINE_BUILTIN int inline_any(int3 v) { return (v.x | v.y | v.z) < 0; }
+INLINE_BUILTIN int inline_any(int4 v) { return inline_any(v.lo | v.hi); }
+INLINE_BUILTIN int inline_any(int8 v) { return inline_any(v.lo | v.hi); }
+INLINE_BUILTIN int inline_any(int16 v) { return inline_any(v.lo | v.hi); }
+
+INLINE_BUILTIN float2 inline_float2(int2 v) { return __builtin_convertvector(v, float2); }
+INLINE_BUILTIN float3 inline_float3(int3 v) { return (float3)((float)v.x, (float)v.y, (float)v.z); }
+INLINE_BUILTIN int2 inline_int2(float2 v) { return __builtin_convertvector(v, int2); }
+INLINE_BUILTIN int3 inline_int3(float3 v) { return (int3)((int)v.x, (int)v.y, (int)v.z); }
+
+#define INLINE_CONVERTED(T, T8, T16) \
+    INLINE_BUILTIN float8 inline_float8(T8 v) { return __builtin_convertvector(v, float8); } \
+    INLINE_BUILTIN float16 inline_float16(T16 v) { return __builtin_convertvector(v, float16); }
+INLINE_CONVERTED(uchar, uchar8, uchar16)
+INLINE_CONVERTED(short, short8, short16)
+INLINE_CONVERTED(int, int8, int16)
+
+INLINE_BUILTIN uint inline_clz(uint x) { return x ? (uint)__builtin_clz(x) : 32u; }
+
+// -- memory -----------------------------------------------------------------------------------
+
+#define INLINE_IN_SPACE(SPACE, T, N) \
+    INLINE_BUILTIN T##N inline_vload##N(size_t i, const SPACE T *p) \
+    { \
+        return *(const SPACE unaligned_##T##N *)(p + N * i); \
+    } \
+    INLINE_BUILTIN void inline_vstore##N(T##N v, size_t i, SPACE T *p) \
+    { \
+        *(SPACE unaligned_##T##N *)(p + N * i) = v; \
+    }
+#define INLINE_THREE_IN_SPACE(SPACE, T) \
+    INLINE_BUILTIN T##3 inline_vload3(size_t i, const SPACE T *p) \
+    { \
+        return (T##3)(p[3 * i], p[3 * i + 1], p[3 * i + 2]); \
+    } \
+    INLINE_BUILTIN void inline_vstore3(T##3 v, size_t i, SPACE T *p) \
+    { \
+        p[3 * i] = v.x; \
+        p[3 * i + 1] = v.y; \
+        p[3 * i + 2] = v.z; \
+    }
+#define INLINE_IN_MEMORY(T, N) \
+    typedef T##N unaligned_##T##N __attribute__((aligned(sizeof(T)))); \
+    INLINE_IN_SPACE(__global, T, N) \
+    INLINE_IN_SPACE(__local, T, N) \
+    INLINE_IN_SPACE(__private, T, N)
+#define INLINE_ALL_IN_MEMORY(T) \
+    INLINE_IN_MEMORY(T, 2) \
+    INLINE_IN_MEMORY(T, 4) \
+    INLINE_IN_MEMORY(T, 8) \
+    INLINE_IN_MEMORY(T, 16) \
+    INLINE_THREE_IN_SPACE(__global, T) \
+    INLINE_THREE_IN_SPACE(__local, T) \
+    INLINE_THREE_IN_SPACE(__private, T)
+INLINE_ALL_IN_MEMORY(float)
+INLINE_ALL_IN_MEMORY(int)
+INLINE_ALL_IN_MEMORY(uchar)
+
+#ifdef __F16C__
+typedef short4 unaligned_short4 __attribute__((aligned(2)));
+// The processor's own conversions; 0 rounds to the nearest, as vstore_half does by default.
+INLINE_BUILTIN float4 inline_vload_half4(size_t i, const __global half *p)
+{
+    const short4 bits = *(const __global unaligned_short4 *)((const __global short *)p + 4 * i);
+    return __builtin_ia32_vcvtph2ps((short8)(bits, (short4)(0)));
+}
+INLINE_BUILTIN float2 inline_vload_half2(size_t i, const __global half *p)
+{
+    const __global short *bits = (const __global short *)p + 2 * i;
+    const float4 both = __builtin_ia32_vcvtph2ps((short8)(bits[0], bits[1], (short2)(0), (short4)(0)));
+    return both.lo;
+}
+INLINE_BUILTIN void inline_vstore_half4(float4 v, size_t i, __global half *p)
+{
+    const short8 bits = __builtin_ia32_vcvtps2ph(v, 0);
+    *(__global unaligned_short4 *)((__global short *)p + 4 * i) = bits.lo;
+}
+INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
+{
+    const short8 bits = __builtin_ia32_vcvtps2ph((float4)(v, v), 0);
+    ((__global short *)p)[2 * i] = bits.s0;
+    ((__global short *)p)[2 * i + 1] = bits.s1;
+}
+#undef vload_half2
+#undef vload_half4
+#undef vstore_half2
+#undef vstore_half4
+#define vload_half2 inline_vload_half2
+#define vload_half4 inline_vload_half4
+#define vstore_half2 inline_vstore_half2
+#define vstore_half4 inline_vstore_half4
+#endif
+
+#undef INLINE_BUILTIN
+#undef INLINE_ORDERED
+#undef INLINE_ORDERED_BY_NUMBERS
+#undef INLINE_FLOATS
+#undef INLINE_FLOATS_BY_NUMBERS
+#undef INLINE_GEOMETRY
+#undef INLINE_CONVERTED
+#undef INLINE_IN_SPACE
+#undef INLINE_THREE_IN_SPACE
+#undef INLINE_IN_MEMORY
+#undef INLINE_ALL_IN_MEMORY
+
+#define min inline_min
+#define max inline_max
+#define clamp inline_clamp
+#define mix inline_mix
+#define fmin inline_fmin
+#define fmax inline_fmax
+#define fabs inline_fabs
+#define floor inline_floor
+#define ceil inline_ceil
+#define sqrt inline_sqrt
+#define rsqrt inline_rsqrt
+#define copysign inline_copysign
+#define smoothstep inline_smoothstep
+#define dot inline_dot
+#define cross inline_cross
+#define length inline_length
+#define distance inline_distance
+#define normalize inline_normalize
+#define select(a, b, c) ((c) ? (b) : (a))
+#define any inline_any
+#define convert_float2 inline_float2
+#define convert_float3 inline_float3
+#define convert_int2 inline_int2
+#define convert_int3 inline_int3
+#define convert_int3_rtn(v) inline_int3(inline_floor(v))
+#define convert_float8 inline_float8
+#define convert_float16 inline_float16
+#define clz inline_clz
+#define vload2 inline_vload2
+#define vload3 inline_vload3
+#define vload4 inline_vload4
+#define vload8 inline_vload8
+#define vload16 inline_vload16
+#define vstore2 inline_vstore2
+#define vstore3 inline_vstore3
+#define vstore4 inline_vstore4
+#define vstore8 inline_vstore8
+#define vstore16 inline_vstore16
+
+#endif
+
+#endif
