@@ -131,7 +131,8 @@ def test_connect_and_resolve(group, vertex, count):
     scene, tracer = random_scene(rng), ChosenRays()
     front, q, at = ready(scene, tracer, rng, count)
     before = q.collected.array.copy()
-    front._connect(q, at, count, vertex, WHICH)
+    front._go_on(q, at, count, vertex, WHICH)
+    front._connect(q, at, count, vertex)
     front.program.queue.finish()
     packed = pack_scene(scene, 0)
     origins, directions, limits = tracer.rays or (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
@@ -182,7 +183,12 @@ def test_shade(group, vertex, kind, plain, count):
     distance = rng.uniform(0.1, 2, count).astype(np.float32)
     front, q, at = ready(scene, ChosenRays(Hits(triangle, distance, u, v)), rng, count)
     carried, collected = q.throughput.array.copy(), q.collected.array.astype(np.float64)
-    made = front._scatter(q, at, q.vertices[1], count, vertex, kind, plain, WHICH)
+    if vertex:  # where they came from, the end by chance was drawn
+        rays = at.direction.array.copy(), at.density.array.copy()
+        front._go_on(q, at, count, vertex - 1, WHICH)
+        at.direction.array[:], at.density.array[:] = rays
+    made = front._follow(q, at, q.vertices[1], count, vertex, kind, plain)
+    front._go_on(q, q.vertices[1], made, vertex, WHICH)
     packed = pack_scene(scene, 0)
     table = packed.environment_table
     alive = {}

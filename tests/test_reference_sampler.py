@@ -17,8 +17,10 @@ def draw():
     source = """
     __kernel void draw(__global const uint *index, uint seed, __global float *out) {
         const uint i = get_global_id(0);
-        const float2 s = sample_2d(index[i], seed), c = cos_sin_turns(unit_float(index[i] << 8));
-        vstore4((float4)(s, c), i, out);
+        float x, y, c, s;
+        sample_2d(index[i], seed, &x, &y);
+        cos_sin_turns(unit_float(index[i] << 8), &c, &s);
+        vstore4((float4)(x, y, c, s), i, out);
         out[4 * get_global_size(0) + i] = sample_1d(index[i], seed);
         out[5 * get_global_size(0) + i] = unit_float(reverse_bits(sobol_second_reversed(index[i])));
     }"""

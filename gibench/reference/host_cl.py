@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from gibench.device import build_program, kernel_source
+from gibench.device import build_program, kernel_source, vector_width
 from gibench.errors import CannotRun
 
-GROUP = 64
+GROUP = 256
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,15 @@ class Shared:
 
 @dataclass(frozen=True)
 class HostProgram:
-    """The built kernels, their queue, and work-items per group."""
+    """The built kernels, their queue, work-items per group, and vertices that a work-item of the
+    drawing kernels treats at once.
+    """
 
     context: Any = field(repr=False)
     queue: Any = field(repr=False)
     kernels: dict[str, Any] = field(repr=False)
     group: int = GROUP
+    lanes: int = 1
 
     def share(self, array: npt.NDArray[Any]) -> Shared:
         """Show an array to the kernels; an empty one as a single element nobody reads."""
@@ -68,10 +71,12 @@ def host_program(group: int = GROUP) -> HostProgram:
     Raises:
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
-    context = cl.Context([_cpu()])
-    built = build_program(context, kernel_source("reference/path.cl"), {"GROUP": group})
+    device = _cpu()
+    context, lanes = cl.Context([device]), vector_width(device)
+    defines = {"GROUP": group, "VEC": lanes}
+    built = build_program(context, kernel_source("reference/path.cl"), defines)
     kernels = {kernel.function_name: kernel for kernel in built.all_kernels()}
-    return HostProgram(context, cl.CommandQueue(context), kernels, group)
+    return HostProgram(context, cl.CommandQueue(context), kernels, group, lanes)
 
 
 def _cpu() -> Any:

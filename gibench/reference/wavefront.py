@@ -26,6 +26,7 @@ _WAVE_SHADOW_RAYS = 1 << 21
 # "Any number of bounces"; Russian roulette ends every path long before.
 UNLIMITED = 0x7FFFFFFF
 
+_DRAWN = 5  # numbers drawn ahead for a vertex or a start
 FROM_VERTEX, CAMERA_REFLECTED, CAMERA_ALL = 0, 1, 2
 
 
@@ -174,37 +175,53 @@ class Wavefront:
         at, after = q.vertices
         vertex, kind = 0, FROM_VERTEX
         path_state = (q.throughput, q.collected)
+        run("draw_starts", -(-count // self.program.lanes), np.uint32(count), *which, *q.drawn)
         if isinstance(self.start, ReceiverStart):
             run(
                 "start_at_receivers",
                 count,
-                *(np.uint32(count), *which, self._triangles, *self._start, *path_state, *at.all),
+                *(np.uint32(count), *which[:2], self._triangles, *self._start, *q.drawn),
+                *(*path_state, *at.surface),
             )
+            self._go_on(q, at, count, 0, which)
         else:
             size = (np.uint32(self.start.width), np.uint32(self.start.height))
             run(
                 "start_at_camera",
                 count,
-                *(np.uint32(count), *which, *size, *self._start, *path_state, *at.rays),
+                *(np.uint32(count), *which[:2], *size, *self._start, *q.drawn),
+                *(*path_state, *at.rays),
             )
             kind = CAMERA_REFLECTED if self.start.indirect_only else CAMERA_ALL
         self.program.queue.finish()
         while count:
             if not kind:
-                self._connect(q, at, count, vertex, which)
+                self._connect(q, at, count, vertex)
                 if vertex >= self.last_vertex and not self._has_area_light:
                     break
                 vertex += 1
             plain = isinstance(self.start, CameraStart) and self.start.plain and vertex == 0
-            count = self._scatter(q, at, after, count, vertex, kind, plain, which)
+            count = self._follow(q, at, after, count, vertex, kind, plain)
+            if count:
+                self._go_on(q, after, count, vertex, which)
             kind = FROM_VERTEX
             at, after = after, at
         run("average", owners, np.uint32(owners), np.uint32(samples), q.collected, q.mean)
         self.program.queue.finish()
 
-    def _connect(
+    def _go_on(
         self, q: _Queues, at: _Vertices, count: int, vertex: int, which: tuple[Any, ...]
     ) -> None:
+        choose = (1 if self._emitters else 0) + (2 if self._sampled else 0)
+        self.program.run(
+            "scatter",
+            -(-count // self.program.lanes),
+            *(np.uint32(n) for n in (count, vertex, choose)),
+            *(*which, at.path, at.shading, at.geometric, at.direction, at.density, *q.drawn),
+        )
+        self.program.queue.finish()
+
+    def _connect(self, q: _Queues, at: _Vertices, count: int, vertex: int) -> None:
         direct = isinstance(self.start, CameraStart) and not self.start.indirect_only
         first_light = 0 if vertex > 0 or direct else self._delta
         slots = self._slots - first_light
@@ -214,8 +231,8 @@ class Wavefront:
         self.program.run(
             "connect",
             count * slots,
-            *(np.uint32(n) for n in (count, slots, first_light, self._delta, vertex)),
-            *(*which, self._triangles, self._materials, *self._light_tables, q.throughput),
+            *(np.uint32(n) for n in (count, slots, first_light, self._delta)),
+            *(self._triangles, self._materials, *self._light_tables, *q.drawn, q.throughput),
             *(at.origin, at.shading, at.geometric, at.path, q.ray_of, q.weight),
             *(q.shadow_origin, q.shadow_direction, q.shadow_limit, q.counter),
         )
@@ -237,7 +254,7 @@ class Wavefront:
             q.collected,
         )
 
-    def _scatter(
+    def _follow(
         self,
         q: _Queues,
         at: _Vertices,
@@ -246,7 +263,6 @@ class Wavefront:
         vertex: int,
         kind: int,
         plain: bool,
-        which: tuple[Any, ...],
     ) -> int:
         self.program.queue.flush()
         began = time.perf_counter()
@@ -257,10 +273,11 @@ class Wavefront:
             "shade",
             count,
             *(np.uint32(n) for n in (count, vertex, self.last_vertex, kind, plain)),
-            *(*which, self._triangles, self._materials, *self._textures, *self._environment),
+            *(self._triangles, self._materials, *self._textures, *self._environment),
             *(self._density, np.int32(self._sampled)),
             *(self.program.share(part) for part in hits),
-            *(at.direction, at.density, at.path, q.throughput, q.collected, *after.all, q.counter),
+            *(at.direction, at.density, at.path, *q.drawn, q.throughput, q.collected),
+            *(*after.surface, q.counter),
         )
         self.program.queue.finish()
         return int(q.counter.array[0])
@@ -281,7 +298,7 @@ class _Vertices:
         self.path = program.empty(paths, np.int32)
         self.density = program.empty(paths, np.float32)
         self.rays = (self.origin, self.direction, self.path, self.density)
-        self.all = (*self.rays[:2], self.shading, self.geometric, *self.rays[2:])
+        self.surface = (self.origin, self.shading, self.geometric, self.path)
 
 
 class _Queues:
@@ -294,6 +311,8 @@ class _Queues:
         self.throughput = program.empty((paths, 3), np.float32)
         self.collected = program.empty((paths, 3), np.float32)
         self.mean = program.empty((paths, 3), np.float32)
+        # Random numbers (kernels_cl/reference/path.cl, DRAWN_...), planes of `paths` numbers.
+        self.drawn = (np.uint32(paths), program.empty((_DRAWN, paths), np.float32))
         self.counter = program.empty(1, np.int32)
         self.ray_of = program.empty(connections, np.int32)
         self.weight = program.empty((connections, 3), np.float32)

@@ -39,6 +39,8 @@
 #undef convert_int3_rtn
 #undef convert_float8
 #undef convert_float16
+#undef convert_int8
+#undef convert_int16
 #undef clz
 #undef vload2
 #undef vload3
@@ -165,6 +167,9 @@ INLINE_CONVERTED(uchar, uchar8, uchar16)
 INLINE_CONVERTED(short, short8, short16)
 INLINE_CONVERTED(int, int8, int16)
 
+INLINE_BUILTIN int8 inline_int8(float8 v) { return __builtin_convertvector(v, int8); }
+INLINE_BUILTIN int16 inline_int16(float16 v) { return __builtin_convertvector(v, int16); }
+
 INLINE_BUILTIN uint inline_clz(uint x) { return x ? (uint)__builtin_clz(x) : 32u; }
 
 // -- memory -----------------------------------------------------------------------------------
@@ -280,6 +285,8 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
 #define convert_int3_rtn(v) inline_int3(inline_floor(v))
 #define convert_float8 inline_float8
 #define convert_float16 inline_float16
+#define convert_int8 inline_int8
+#define convert_int16 inline_int16
 #define clz inline_clz
 #define vload2 inline_vload2
 #define vload3 inline_vload3

@@ -11,6 +11,10 @@
 
 #if VEC == 1
 typedef float vfloat;
+typedef int vint;
+typedef uint vuint;
+#define vec_float_of(v) convert_float(v)
+#define vec_int_of(v) convert_int(v)
 #define vec_load(i, p) ((p)[i])
 #define vec_store(v, i, p) ((p)[i] = (v))
 #define vec_load_uchar(i, p) ((float)(p)[i])
@@ -21,6 +25,10 @@ inline float vec_sum(float v)
 }
 #else
 typedef VEC_JOIN(float, VEC) vfloat;
+typedef VEC_JOIN(int, VEC) vint;
+typedef VEC_JOIN(uint, VEC) vuint;
+#define vec_float_of(v) VEC_JOIN(convert_float, VEC)(v)
+#define vec_int_of(v) VEC_JOIN(convert_int, VEC)(v)
 #define vec_load(i, p) VEC_JOIN(vload, VEC)(i, p)
 #define vec_store(v, i, p) VEC_JOIN(vstore, VEC)(v, i, p)
 #define vec_load_uchar(i, p) VEC_JOIN(convert_float, VEC)(VEC_JOIN(vload, VEC)(i, p))

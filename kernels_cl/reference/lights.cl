@@ -111,9 +111,10 @@ inline Connection connect_environment(__global const float *pixels, __global con
     const float x = column + within_interval(in_row, column, random.y);
     const float radius = sqrt(max(1.0f - y * y, 0.0f));
     // Azimuth -pi is column 0.
-    const float2 around = cos_sin_turns(x / width);
+    float cosine, sine;
+    cos_sin_turns(x / width, &cosine, &sine);
     Connection c;
-    c.direction = (float3)(-radius * around.y, y, radius * around.x);
+    c.direction = (float3)(-radius * sine, y, radius * cosine);
     c.distance = INFINITY;
     c.weight = (float3)(0.0f);
     const float by_cosine = max(dot(normal, c.direction), 0.0f) * INV_PI_F;

@@ -1,7 +1,9 @@
 // Wavefront path tracing on the host, rays by Embree in between (Laine, Karras and Aila 2013,
 // "Megakernels Considered Harmful", section 4: one kernel per stage over dense queues).
 //
-// Macros: GROUP, work-items per group; every launch is rounded up to whole groups.
+// Macros: GROUP, work-items per group; every launch is rounded up to whole groups. VEC, vertices that a
+// work-item of `draw_starts` and `scatter` treats at once: all random numbers are drawn there, in
+// vectors, as drawing one takes more operations than most of what it is used for.
 //
 // A wave is a run of consecutive paths; path p of it belongs to owner `first + p / samples` (a
 // receiver or a pixel) and is sample p % samples of that owner. Per path: throughput and what it
@@ -20,39 +22,140 @@
 #define ROULETTE_AFTER 3
 #define ROULETTE_SURVIVAL 0.95f
 
-// A direction distributed by the cosine to the shading normal (Malley's method), and its density;
-// negative below the geometric surface, where nothing arrives.
-inline float4 cosine_direction(float2 random, float3 shading, float3 geometric)
+// What is drawn ahead: planes of `stride` numbers each in `drawn`. For every path, before it starts:
+// which fragment of the receiver, and where on it (or in the pixel).
+#define DRAWN_FRAGMENT 0
+#define DRAWN_START 1
+// For every vertex: a point on the emitters, a direction of the environment, and the end by chance at
+// the next vertex.
+#define DRAWN_EMITTER 0
+#define DRAWN_ENVIRONMENT 2
+#define DRAWN_ROULETTE 4
+
+inline float2 drawn_pair(__global const float *drawn, uint stride, uint plane, uint i)
 {
-    float3 t, b;
-    orthonormal_basis(shading, &t, &b);
-    const float2 on_disc = sqrt(random.x) * cos_sin_turns(random.y);
-    const float height = sqrt(1.0f - random.x);
-    const float3 d = unit(on_disc.x * t + on_disc.y * b + height * shading);
-    return (float4)(d, dot(d, geometric) > 0.0f ? height * INV_PI_F : -1.0f);
+    return (float2)(drawn[plane * (size_t)stride + i], drawn[(plane + 1) * (size_t)stride + i]);
+}
+
+// VEC lanes from memory and back: element `first` and those that follow, `step` numbers apart, up to
+// element `count - 1`; a load repeats the last for lanes beyond it.
+inline vfloat lanes_from(__global const float *p, uint step, uint first, uint count)
+{
+    vfloat lanes;
+    float *lane = (float *)&lanes;
+    for (uint i = 0; i < VEC; ++i)
+        lane[i] = p[(size_t)step * min(first + i, count - 1)];
+    return lanes;
+}
+
+inline void lanes_to(__global float *p, uint step, uint first, uint count, vfloat lanes)
+{
+    const float *lane = (const float *)&lanes;
+    for (uint i = 0; i < VEC; ++i)
+        if (first + i < count)
+            p[(size_t)step * (first + i)] = lane[i];
+}
+
+// Draws for every path what its start needs.
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void draw_starts(uint count, uint first, uint samples, uint round_seed, uint stride,
+                 __global float *drawn)
+{
+    const uint i = get_global_id(0) * VEC;
+    if (i >= count)
+        return;
+    vuint p;
+    for (uint lane = 0; lane < VEC; ++lane)
+        ((uint *)&p)[lane] = i + lane;
+    const vuint seed = owner_seed(first + p / samples, round_seed), sample = p % samples;
+    vfloat x, y;
+    lanes_to(drawn + (size_t)stride * DRAWN_FRAGMENT, 1, i, count,
+             sample_1d(sample, dimension_seed(seed, DIM_FRAGMENT)));
+    sample_2d(sample, dimension_seed(seed, DIM_START), &x, &y);
+    lanes_to(drawn + (size_t)stride * DRAWN_START, 1, i, count, x);
+    lanes_to(drawn + (size_t)stride * (DRAWN_START + 1), 1, i, count, y);
+}
+
+// Where every vertex goes on, number `vertex` of its path: a direction distributed by the cosine to
+// its shading normal (Malley's method), and the direction's density, negative below the geometric
+// surface, where nothing arrives. Draws what connect and the next shade need, emitters and environment
+// where there are any to `choose` (1 and 2).
+__kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
+void scatter(
+    uint count, uint vertex, uint choose, uint first, uint samples, uint round_seed,
+    __global const int *path, __global const float *shading, __global const float *geometric,
+    __global float *direction, __global float *density, uint stride, __global float *drawn)
+{
+    const uint i = get_global_id(0) * VEC;
+    if (i >= count)
+        return;
+    vuint p;
+    for (uint lane = 0; lane < VEC; ++lane)
+        ((uint *)&p)[lane] = path[min(i + lane, count - 1)];
+    const vuint seed = owner_seed(first + p / samples, round_seed), sample = p % samples;
+    vfloat x, y;
+    for (uint light = 0; light < 2; ++light) {
+        if (!(choose & (light + 1)))
+            continue;
+        const uint plane = light ? DRAWN_ENVIRONMENT : DRAWN_EMITTER;
+        const uint dimension = light ? DIM_ENVIRONMENT(vertex) : DIM_EMITTER(vertex);
+        sample_2d(sample, dimension_seed(seed, dimension), &x, &y);
+        lanes_to(drawn + (size_t)stride * plane, 1, i, count, x);
+        lanes_to(drawn + (size_t)stride * (plane + 1), 1, i, count, y);
+    }
+    if (vertex + 1 >= ROULETTE_AFTER)
+        lanes_to(drawn + (size_t)stride * DRAWN_ROULETTE, 1, i, count,
+                 sample_1d(sample, dimension_seed(seed, DIM_ROULETTE(vertex + 1))));
+
+    sample_2d(sample, dimension_seed(seed, DIM_SCATTER(vertex)), &x, &y);
+    vfloat across, up;
+    vec_cos_sin_turns(y, &across, &up);
+    const vfloat radius = sqrt(x), height = sqrt(1.0f - x);
+    across *= radius;
+    up *= radius;
+    const vfloat nx = lanes_from(shading, 3, i, count);
+    const vfloat ny = lanes_from(shading + 1, 3, i, count);
+    const vfloat nz = lanes_from(shading + 2, 3, i, count);
+    // Duff et al. 2017 as in common/vec.cl: across and up along the basis' two vectors.
+    const vfloat s = copysign((vfloat)(1.0f), nz), a = -1.0f / (s + nz), c = nx * ny * a;
+    vfloat dx = across * (1.0f + s * nx * nx * a) + up * c + height * nx;
+    vfloat dy = across * s * c + up * (s + ny * ny * a) + height * ny;
+    vfloat dz = height * nz - across * s * nx - up * ny;
+    const vfloat scale = 1.0f / sqrt(dx * dx + dy * dy + dz * dz);
+    dx *= scale;
+    dy *= scale;
+    dz *= scale;
+    lanes_to(direction, 3, i, count, dx);
+    lanes_to(direction + 1, 3, i, count, dy);
+    lanes_to(direction + 2, 3, i, count, dz);
+    const vfloat above = dx * lanes_from(geometric, 3, i, count) +
+                         dy * lanes_from(geometric + 1, 3, i, count) +
+                         dz * lanes_from(geometric + 2, 3, i, count);
+    lanes_to(density, 1, i, count, above > 0.0f ? height * INV_PI_F : (vfloat)(-1.0f));
 }
 
 // Vertex 0 of every path: a uniformly distributed point on the receiver's covered surface.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void start_at_receivers(
-    uint count, uint first, uint samples, uint round_seed,
+    uint count, uint first, uint samples,
     __global const float *triangles,
     __global const int *fragment_start,       // (receivers + 1)
     __global const float *fragment_table,     // (fragments) cumulative share of the receiver's area
     __global const float *fragment_corners,   // (fragments, 3, 3)
     __global const int *fragment_triangle,    // (fragments)
+    uint stride, __global const float *drawn,
     __global float *throughput, __global float *collected,
-    __global float *origin, __global float *direction, __global float *shading,
-    __global float *geometric, __global int *path, __global float *density)
+    __global float *origin, __global float *shading, __global float *geometric,
+    __global int *path)
 {
     const uint p = get_global_id(0);
     if (p >= count)
         return;
-    const uint owner = first + p / samples, sample = p % samples;
+    const uint owner = first + p / samples;
     const int begin = fragment_start[owner], end = fragment_start[owner + 1];
-    const float chosen = sample_1d(sample, dimension_seed(owner, round_seed, DIM_FRAGMENT));
+    const float chosen = drawn[(size_t)stride * DRAWN_FRAGMENT + p];
     const int f = begin + find_interval(fragment_table + begin, end - begin, chosen);
-    const float2 at = sample_2d(sample, dimension_seed(owner, round_seed, DIM_START));
+    const float2 at = drawn_pair(drawn, stride, DRAWN_START, p);
     const float r = sqrt(at.x);
     const float3 a = load3(fragment_corners, 3 * f);
     const float3 b = load3(fragment_corners, 3 * f + 1);
@@ -65,26 +168,22 @@ void start_at_receivers(
     const float u = clamp(dot(cross(q, e2), n) / dot(n, n), 0.0f, 1.0f);
     const float v = clamp(dot(cross(e1, q), n) / dot(n, n), 0.0f, 1.0f - u);
     const Surface s = surface_at(triangles, fragment_triangle[f], u, v);
-    const float4 d = cosine_direction(
-        sample_2d(sample, dimension_seed(owner, round_seed, DIM_SCATTER(0u))),
-        s.shading, s.geometric);
     store3(throughput, p, (float3)(1.0f));
     store3(collected, p, (float3)(0.0f));
     store3(origin, p, leave_surface(s.point, s.geometric));
-    store3(direction, p, d.xyz);
     store3(shading, p, s.shading);
     store3(geometric, p, s.geometric);
     path[p] = p;
-    density[p] = d.w;
 }
 
 // Camera rays through uniformly distributed points of each pixel; row 0 is the top.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void start_at_camera(
-    uint count, uint first, uint samples, uint round_seed,
+    uint count, uint first, uint samples,
     uint width, uint height,
     __global const float *camera,             // (4, 3) position, forward, right, up; the last two
                                               // reach the image's edges from its centre
+    uint stride, __global const float *drawn,
     __global float *throughput, __global float *collected,
     __global float *origin, __global float *direction, __global int *path,
     __global float *density)
@@ -92,8 +191,8 @@ void start_at_camera(
     const uint p = get_global_id(0);
     if (p >= count)
         return;
-    const uint owner = first + p / samples, sample = p % samples;
-    const float2 in_pixel = sample_2d(sample, dimension_seed(owner, round_seed, DIM_START));
+    const uint owner = first + p / samples;
+    const float2 in_pixel = drawn_pair(drawn, stride, DRAWN_START, p);
     const float x = 2.0f * ((owner % width) + in_pixel.x) / width - 1.0f;
     const float y = 1.0f - 2.0f * ((owner / width) + in_pixel.y) / height;
     store3(throughput, p, (float3)(1.0f));
@@ -110,15 +209,14 @@ void start_at_camera(
 // slots) says which ray each connection has, or -1.
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void connect(
-    uint count, uint slots, uint first_light, uint delta_lights, uint vertex,
-    uint first, uint samples, uint round_seed,
+    uint count, uint slots, uint first_light, uint delta_lights,
     __global const float *triangles, __global const float *materials,
     __global const float *lights,
     uint emitter_count, __global const int *emitters, __global const float *emitter_table,
     int width, int height, __global const float *environment,
     __global const float *environment_density_, __global const float *environment_rows,
     __global const float *environment_columns, __global const float *environment_edges,
-    __global const float *throughput,
+    uint stride, __global const float *drawn, __global const float *throughput,
     __global const float *origin, __global const float *shading, __global const float *geometric,
     __global const int *path,
     __global int *ray_of, __global float *weight,
@@ -138,22 +236,17 @@ void connect(
     if (i < count * slots) {
         const uint v = i / slots, light = first_light + i % slots;
         const uint p = path[v];
-        const uint owner = first + p / samples, sample = p % samples;
         const float3 n = load3(shading, v);
         point = load3(origin, v);
         if (light < delta_lights)
             c = connect_delta(lights + light * LIGHT_FLOATS, point, n);
         else if (light == delta_lights && emitter_count)
             c = connect_emitter(triangles, materials, emitters, emitter_table, (int)emitter_count,
-                                sample_2d(sample, dimension_seed(owner, round_seed,
-                                                                 DIM_EMITTER(vertex))),
-                                point, n);
+                                drawn_pair(drawn, stride, DRAWN_EMITTER, v), point, n);
         else
             c = connect_environment(environment, environment_density_, environment_rows,
                                     environment_columns, environment_edges, width, height,
-                                    sample_2d(sample, dimension_seed(owner, round_seed,
-                                                                     DIM_ENVIRONMENT(vertex))),
-                                    n);
+                                    drawn_pair(drawn, stride, DRAWN_ENVIRONMENT, v), n);
         const float3 value = c.weight * load3(throughput, p);
         if (value.x + value.y + value.z > 0.0f && dot(c.direction, load3(geometric, v)) > 0.0f) {
             slot = atomic_inc(&in_group);
@@ -196,13 +289,12 @@ void resolve(
 }
 
 // What ray i met: adds emission, weighted against having been chosen by connect, and makes the
-// next vertex, number `vertex` of its path, with a direction to go on.
+// next vertex, number `vertex` of its path.
 // `from_camera`: these are camera rays; emission counts in full (2), or not at all (1).
 // `plain`: the surface at this vertex counts with albedo 1 (irradiance seen by a camera).
 __kernel __attribute__((reqd_work_group_size(GROUP, 1, 1)))
 void shade(
     uint count, uint vertex, uint last_vertex, uint from_camera, uint plain,
-    uint first, uint samples, uint round_seed,
     __global const float *triangles, __global const float *materials,
     __global const float *texture_pixels, __global const int *images,
     int width, int height, __global const float *environment,
@@ -210,11 +302,10 @@ void shade(
     __global const int *hit_triangle, __global const float *hit_distance,
     __global const float *hit_u, __global const float *hit_v,
     __global const float *ray_direction, __global const float *ray_density,
-    __global const int *ray_path,
+    __global const int *ray_path, uint stride, __global const float *drawn,
     __global float *throughput, __global float *collected,
-    __global float *origin, __global float *direction, __global float *shading,
-    __global float *geometric, __global int *path, __global float *density,
-    volatile __global int *vertices)
+    __global float *origin, __global float *shading, __global float *geometric,
+    __global int *path, volatile __global int *vertices)
 {
     __local int in_group, group_base;
     const uint i = get_global_id(0);
@@ -227,7 +318,6 @@ void shade(
     s.point = s.geometric = s.shading = (float3)(0.0f);
     if (i < count && ray_density[i] >= 0.0f) {
         p = ray_path[i];
-        const uint owner = first + p / samples, sample = p % samples;
         const float3 d = load3(ray_direction, i);
         const float by_cosine = ray_density[i];
         const float3 carried = load3(throughput, p);
@@ -268,8 +358,7 @@ void shade(
                     bool lives = survival > 0.0f;
                     if (vertex >= ROULETTE_AFTER && lives) {
                         survival = min(survival, ROULETTE_SURVIVAL);
-                        lives = sample_1d(sample, dimension_seed(owner, round_seed,
-                                                                 DIM_ROULETTE(vertex))) < survival;
+                        lives = drawn[(size_t)stride * DRAWN_ROULETTE + i] < survival;
                         left /= survival;
                     }
                     if (lives) {
@@ -286,16 +375,10 @@ void shade(
     barrier(CLK_LOCAL_MEM_FENCE);
     if (slot >= 0) {
         const int v = group_base + slot;
-        const float4 next = cosine_direction(
-            sample_2d(p % samples, dimension_seed(first + p / samples, round_seed,
-                                                  DIM_SCATTER(vertex))),
-            s.shading, s.geometric);
         store3(origin, v, leave_surface(s.point, s.geometric));
-        store3(direction, v, next.xyz);
         store3(shading, v, s.shading);
         store3(geometric, v, s.geometric);
         path[v] = p;
-        density[v] = next.w;
     }
 }
 
