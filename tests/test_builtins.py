@@ -1,4 +1,4 @@
-"""The inlined builtins (kernels_cl/common/builtins.cl) against NumPy, and that none stays a call."""
+"""The inlined builtins (kernels_cl/common/builtins.cl) against NumPy."""
 
 import numpy as np
 import pyopencl as cl

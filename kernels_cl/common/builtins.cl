@@ -10,7 +10,8 @@
 // that is missing here is an error of compilation, never a silent call.
 #ifndef GIBENCH_BUILTINS
 #define GIBENCH_BUILTINS
-#if defined(POCL_DEVICE_ADDRESS_BITS) && defined(__clang__) && defined(__x86_64__)
+#if defined(POCL_DEVICE_ADDRESS_BITS) && defined(__x86_64__) && defined(__has_builtin)
+#if __has_builtin(__builtin_elementwise_floor) // clang 14
 
 #undef min
 #undef max
@@ -240,10 +241,10 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
 #undef vload_half4
 #undef vstore_half2
 #undef vstore_half4
-#define vload_half2 inline_vload_half2
-#define vload_half4 inline_vload_half4
-#define vstore_half2 inline_vstore_half2
-#define vstore_half4 inline_vstore_half4
+#define vload_half2(i, p) inline_vload_half2(i, p)
+#define vload_half4(i, p) inline_vload_half4(i, p)
+#define vstore_half2(v, i, p) inline_vstore_half2(v, i, p)
+#define vstore_half4(v, i, p) inline_vstore_half4(v, i, p)
 #endif
 
 #undef INLINE_BUILTIN
@@ -258,47 +259,48 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
 #undef INLINE_IN_MEMORY
 #undef INLINE_ALL_IN_MEMORY
 
-#define min inline_min
-#define max inline_max
-#define clamp inline_clamp
-#define mix inline_mix
-#define fmin inline_fmin
-#define fmax inline_fmax
-#define fabs inline_fabs
-#define floor inline_floor
-#define ceil inline_ceil
-#define sqrt inline_sqrt
-#define rsqrt inline_rsqrt
-#define copysign inline_copysign
-#define smoothstep inline_smoothstep
-#define dot inline_dot
-#define cross inline_cross
-#define length inline_length
-#define distance inline_distance
-#define normalize inline_normalize
+#define min(a, b) inline_min(a, b)
+#define max(a, b) inline_max(a, b)
+#define clamp(x, low, high) inline_clamp(x, low, high)
+#define mix(a, b, t) inline_mix(a, b, t)
+#define fmin(a, b) inline_fmin(a, b)
+#define fmax(a, b) inline_fmax(a, b)
+#define fabs(x) inline_fabs(x)
+#define floor(x) inline_floor(x)
+#define ceil(x) inline_ceil(x)
+#define sqrt(x) inline_sqrt(x)
+#define rsqrt(x) inline_rsqrt(x)
+#define copysign(a, b) inline_copysign(a, b)
+#define smoothstep(low, high, x) inline_smoothstep(low, high, x)
+#define dot(a, b) inline_dot(a, b)
+#define cross(a, b) inline_cross(a, b)
+#define length(x) inline_length(x)
+#define distance(a, b) inline_distance(a, b)
+#define normalize(x) inline_normalize(x)
 #define select(a, b, c) ((c) ? (b) : (a))
-#define any inline_any
-#define convert_float2 inline_float2
-#define convert_float3 inline_float3
-#define convert_int2 inline_int2
-#define convert_int3 inline_int3
+#define any(x) inline_any(x)
+#define convert_float2(v) inline_float2(v)
+#define convert_float3(v) inline_float3(v)
+#define convert_int2(v) inline_int2(v)
+#define convert_int3(v) inline_int3(v)
 #define convert_int3_rtn(v) inline_int3(inline_floor(v))
-#define convert_float8 inline_float8
-#define convert_float16 inline_float16
-#define convert_int8 inline_int8
-#define convert_int16 inline_int16
-#define clz inline_clz
-#define vload2 inline_vload2
-#define vload3 inline_vload3
-#define vload4 inline_vload4
-#define vload8 inline_vload8
-#define vload16 inline_vload16
-#define vstore2 inline_vstore2
-#define vstore3 inline_vstore3
-#define vstore4 inline_vstore4
-#define vstore8 inline_vstore8
-#define vstore16 inline_vstore16
+#define convert_float8(v) inline_float8(v)
+#define convert_float16(v) inline_float16(v)
+#define convert_int8(v) inline_int8(v)
+#define convert_int16(v) inline_int16(v)
+#define clz(x) inline_clz(x)
+#define vload2(i, p) inline_vload2(i, p)
+#define vload3(i, p) inline_vload3(i, p)
+#define vload4(i, p) inline_vload4(i, p)
+#define vload8(i, p) inline_vload8(i, p)
+#define vload16(i, p) inline_vload16(i, p)
+#define vstore2(v, i, p) inline_vstore2(v, i, p)
+#define vstore3(v, i, p) inline_vstore3(v, i, p)
+#define vstore4(v, i, p) inline_vstore4(v, i, p)
+#define vstore8(v, i, p) inline_vstore8(v, i, p)
+#define vstore16(v, i, p) inline_vstore16(v, i, p)
 
+#endif
 #endif
 
 #endif
