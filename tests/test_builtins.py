@@ -104,8 +104,8 @@ def test_integers_halves_and_conversions():
     rng = np.random.default_rng()
     ints = rng.integers(-9, 9, (COUNT, 16), np.int32)
     floats = rng.normal(scale=9, size=(COUNT, 16)).astype(np.float32)
-    source = f"""
-    __kernel void compute(__global const int *i, __global const float *f, __global float *out) {{
+    source = """
+    __kernel void compute(__global const int *i, __global const float *f, __global float *out) {
         const size_t n = get_global_id(0);
         const int3 a = vload3(0, i + 16 * n), b = vload3(1, i + 16 * n);
         const float3 x = vload3(0, f + 16 * n), y = vload3(1, f + 16 * n);
@@ -124,7 +124,7 @@ def test_integers_halves_and_conversions():
         vstore_half2(y.yz, 2, h);
         vstore4(vload_half4(0, h), 0, o + 44);
         vstore2(vload_half2(2, h), 0, o + 48);
-    }}"""
+    }"""
     out = computed(source, (ints, floats), np.zeros((COUNT, 64), np.float32))
     a, b, x, y = ints[:, :3], ints[:, 3:6], floats[:, :3], floats[:, 3:6]
     pairs = {
