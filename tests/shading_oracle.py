@@ -115,9 +115,8 @@ class View:
     shadow_rays: np.ndarray  # (h, w)
 
 
-def render(scene: Scene, frame: int, width: int, height: int, lightmap=None, values=None) -> View:
-    """The camera image; ``values`` (h, w, 3) is the lightmap that is looked up."""
-    camera = scene.cameras[0]
+def pixel_directions(camera, width: int, height: int, dx=0.0, dy=0.0):
+    """Unit directions (h * w, 3) through points (dx, dy) pixels right of and below the centres."""
     eye, target = np.array(camera.position), np.array(camera.target)
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, camera.up)
@@ -125,12 +124,19 @@ def render(scene: Scene, frame: int, width: int, height: int, lightmap=None, val
     up = np.cross(right, forward)
     half = np.tan(np.radians(camera.fov_degrees / 2))
     y, x = np.divmod(np.arange(width * height), width)
+    sx = ((x + 0.5 + dx) / width * 2 - 1) * half * width / height
+    sy = (1 - (y + 0.5 + dy) / height * 2) * half
+    d = forward + sx[:, None] * right + sy[:, None] * up
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def render(scene: Scene, frame: int, width: int, height: int, lightmap=None, values=None) -> View:
+    """The camera image; ``values`` (h, w, 3) is the lightmap that is looked up."""
+    camera = scene.cameras[0]
+    eye = np.array(camera.position)
 
     def directions(dx, dy):
-        sx = ((x + 0.5 + dx) / width * 2 - 1) * half * width / height
-        sy = (1 - (y + 0.5 + dy) / height * 2) * half
-        d = forward + sx[:, None] * right + sy[:, None] * up
-        return d / np.linalg.norm(d, axis=1, keepdims=True)
+        return pixel_directions(camera, width, height, dx, dy)
 
     tracer = EmbreeTracer(scene.corners)
     d = directions(0, 0)

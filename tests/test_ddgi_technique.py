@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from ddgi_oracle import USABLE, VARIANTS, create, state_of
+from ddgi_oracle import USABLE, VARIANTS, create, lookup, randomise, state_of
+from shading_oracle import pixel_directions
 from synthetic_bake import random_scene
 from tiny_scenes import box, empty_room, quad_scene
 
@@ -200,6 +201,43 @@ def test_the_probes_picture_shows_probes():
     assert 0.001 < drawn.mean() < 0.3
     np.testing.assert_allclose(images["probes"][drawn], np.tile([0.05, 0, 0], (drawn.sum(), 1)))
     assert drawn[60, 80]
+
+
+@pytest.mark.parametrize("storage", ["fp16", "fp32"])
+def test_the_probes_picture_equals_every_sphere_by_every_ray(storage):
+    """Nearest sphere of all, and what its probe's map holds for the normal there, in float64."""
+    rng, (width, height) = np.random.default_rng(), (160, 120)
+    scene, lightmap = empty_room(side=4)
+    scene = looking(scene, (0.3, 1.1, 1.0), (-0.1, 1.3, 0.0))
+    settings = {"counts": "5x4x6", "storage": storage}
+    technique = create(scene, settings, lightmap=lightmap, image=(width, height))
+    frames(technique, 1)
+    randomise(technique, rng, (0, USABLE))
+    technique.device.write(
+        technique.probes.data, np.c_[np.zeros((120, 3)), state_of(technique).state]
+    )
+    s, images = state_of(technique), technique.images()
+    eye, d = np.array(scene.cameras[0].position), pixel_directions(scene.cameras[0], width, height)
+    radius, centre = 0.05 * min(s.spacing), s.position - eye
+    middle = d @ centre.T
+    inside = radius**2 - (centre**2).sum(axis=1) + middle**2
+    hit = np.where(inside > 0, middle - np.sqrt(np.maximum(inside, 0)), np.inf)
+    hit[hit < 0] = np.inf
+    probe, t = hit.argmin(axis=1), hit.min(axis=1)
+    expected, drawn = images["frame"].reshape(-1, 3).astype(np.float64), np.isfinite(t)
+    for n in np.flatnonzero(drawn):
+        shown = np.array([0.05, 0, 0])
+        if s.state[probe[n]] == USABLE:
+            normal = (t[n] * d[n] - centre[probe[n]]) / radius
+            stored = lookup(s.irradiance[probe[n]], normal[None])[0, :3]
+            shown = 2 * stored**s.settings.gamma
+        expected[n] = shown
+    # At a silhouette float32 and float64 may differ on whether a sphere is met, and on its normal.
+    certain = (np.abs(inside) > 0.05 * radius**2).all(axis=1)
+    assert len(set(probe[drawn])) > 20 and set(s.state[probe[drawn]]) == {0, USABLE}
+    assert (certain & drawn).sum() > 200
+    found = images["probes"].reshape(-1, 3)
+    np.testing.assert_allclose(found[certain], expected[certain], rtol=2e-3, atol=1e-4)
 
 
 def test_what_does_not_fit_is_refused(soup):

@@ -277,6 +277,20 @@ def _receivers_hash(lightmap: Lightmap) -> str:
     return digest.hexdigest()
 
 
+def check_paths(paths: int | None, where: str) -> None:
+    """Refuse too few paths for a standard error; None is as many as it takes.
+
+    Raises:
+        BadInput: they are too few; ``where`` the number was given.
+    """
+    if paths is not None and paths < LEAST_ROUNDS:
+        raise BadInput(
+            f"{paths} paths give no standard error",
+            where=where,
+            mend=f"give {LEAST_ROUNDS} or more",
+        )
+
+
 def _check(target_error: float | None, paths: int | None, bounces: int | None, seed: int) -> None:
     if target_error is not None and not (math.isfinite(target_error) and target_error > 0):
         raise BadInput(
@@ -284,12 +298,7 @@ def _check(target_error: float | None, paths: int | None, bounces: int | None, s
             where="target error",
             mend="give a relative error above 0, for instance 0.01",
         )
-    if paths is not None and paths < LEAST_ROUNDS:
-        raise BadInput(
-            f"{paths} paths give no standard error",
-            where="paths",
-            mend=f"give {LEAST_ROUNDS} or more",
-        )
+    check_paths(paths, "paths")
     if bounces is not None and bounces < 0:
         raise BadInput(f"{bounces} bounces", where="bounces", mend="give 0 or more, or none")
     if seed < 0:

@@ -183,7 +183,7 @@ class Wavefront:
                 *(np.uint32(count), *which[:2], self._triangles, *self._start, *q.drawn),
                 *(*path_state, *at.surface),
             )
-            self._go_on(q, at, count, 0, which)
+            self._go_on(q, at, count, vertex, which)
         else:
             size = (np.uint32(self.start.width), np.uint32(self.start.height))
             run(
@@ -212,6 +212,7 @@ class Wavefront:
     def _go_on(
         self, q: _Queues, at: _Vertices, count: int, vertex: int, which: tuple[Any, ...]
     ) -> None:
+        """Directions for the rays that leave ``at``, and the numbers drawn ahead there."""
         choose = (1 if self._emitters else 0) + (2 if self._sampled else 0)
         self.program.run(
             "scatter",

@@ -17,7 +17,7 @@ from gibench.measure.setup import LoopOptions
 from gibench.measure.view import choose_camera
 from gibench.reference.lights import Doubles
 from gibench.reference.metrics import Measure
-from gibench.reference.path_tracer import LEAST_ROUNDS, reference_irradiance
+from gibench.reference.path_tracer import check_paths, reference_irradiance
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS, Truth, bias_of_covered, errors
@@ -133,12 +133,7 @@ def check_views(
         CannotRun: objects move.
     """
     check_target_error(options.target_error)
-    if options.reference_paths is not None and options.reference_paths < LEAST_ROUNDS:
-        raise BadInput(
-            f"{options.reference_paths} paths give no standard error",
-            where="--reference-paths",
-            mend=f"give {LEAST_ROUNDS} or more",
-        )
+    check_paths(options.reference_paths, "--reference-paths")
     refuse_motion(options.loop)
     for configuration in configurations:
         scene = shared.scene(configuration.scene)

@@ -111,7 +111,9 @@ __kernel void probe_view(BVH_PARAMS, __global const float *camera, int width, in
         const int probe = probe_index(volume, cell);
         const float3 centre = probe_position(VOLUME_ARGS, probe) - ray.origin;
         const float middle = dot(centre, ray.direction);
-        const float inside = radius * radius - dot(centre, centre) + middle * middle;
+        // From the ray's nearest point: the difference of two squares would lose a small sphere's digits.
+        const float3 beside = centre - middle * ray.direction;
+        const float inside = radius * radius - dot(beside, beside);
         const float hit = middle - sqrt(fmax(inside, 0.0f));
         if (inside > 0.0f && hit >= t && hit < fmin(exit, end)) {
             const float3 normal = normalize(hit * ray.direction - centre);
