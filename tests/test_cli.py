@@ -189,6 +189,19 @@ def test_help_is_plain_where_it_is_no_terminal(
     assert err == ""
 
 
+def test_help_says_everything_under_its_headings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(["--help"]) == 0
+    assert "..." not in capsys.readouterr().out.partition("Commands:")[2]  # no summary cut short
+    assert call(["quality", "--help"]) == 0
+    out = capsys.readouterr().out
+    headings = ["What to run", "The truth to compare with", "How and where", "Options:"]
+    sections = re.split("|".join(f"^{heading}.*$" for heading in headings), out, flags=re.M)[1:]
+    for section, option in zip(
+        sections, ("--technique", "--target-error", "--out", "--help"), strict=True
+    ):
+        assert re.search(rf"^ .*{option} ", section, flags=re.M), option
+
+
 def test_no_color_is_honoured() -> None:
     assert "\x1b[3" not in gibench("profiles", FORCE_COLOR="1", NO_COLOR="1").stdout
 

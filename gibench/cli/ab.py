@@ -81,7 +81,7 @@ def ab(
     Exit code 1: the frame or a pass is slower beyond the threshold with 99 % confidence, or NEW
     does not run. 2: OLD is missing or does not run. A row that stays ambiguous does not fail.
 
-    [bold]Examples[/]
+    Examples:
 
       gibench ab main
 

@@ -59,7 +59,7 @@ def advise(
     the scene's receivers; the options narrow that. Times are of this machine under the profile's
     limits, not of the modelled device.
 
-    [bold]Example[/]
+    Example:
 
       gibench advise --device-profile iphone7 --budget-ms 33.3 --scene sponza.obj
     """

@@ -24,7 +24,7 @@ def bake(
 
     An interrupted bake goes on where it stopped when it is started again.
 
-    [bold]Example[/]
+    Example:
 
       gibench bake --scene sponza.obj --sh-order 2 --sh-order 7
     """

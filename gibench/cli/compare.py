@@ -33,7 +33,7 @@ def compare(
     Exit code 1: a frame or pass is slower beyond the threshold with 99 % confidence, or no longer
     runs. 2: a side is missing or damaged, or they are of different machines, scenes or settings.
 
-    [bold]Examples[/]
+    Examples:
 
       gibench compare results/runs/yesterday results/runs/today --threshold 10%
 

@@ -76,7 +76,7 @@ def experiment(
     Each leaves a CSV, a Markdown report and plots, with the paper's published figures beside ours
     where there are any. Interrupted, the same command goes on from there.
 
-    [bold]Examples[/]
+    Examples:
 
       gibench experiment
 

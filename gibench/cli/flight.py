@@ -16,7 +16,7 @@ CameraPathChoice = Annotated[
     typer.Option(
         "--camera-path",
         metavar="rest|flight|FILE",
-        help="What the camera of every technique does: [bold]rest[/]; [bold]flight[/], a round "
+        help="What the camera of every technique does: rest; flight, a round "
         "through the scene and back to rest; or a TOML file of positions and targets. Without "
         "--frames, the whole flight is measured.",
         rich_help_panel=OUTPUT,

@@ -25,6 +25,7 @@ from gibench.cli import (
     scenes,
     techniques,
 )
+from gibench.cli.layout import Sectioned
 from gibench.cli.options import paragraphs
 from gibench.errors import GibenchError, Interrupted
 
@@ -32,10 +33,10 @@ INTRODUCTION = """
 Benchmark real-time diffuse global illumination, pass by pass, inside a device's limits.
 
 Runs techniques as ordered OpenCL passes on one scene and joins time and memory in one table. A
-device profile (a phone, a laptop GPU) is held to by its [bold]limits[/]; the times are those of the
+device profile (a phone, a laptop GPU) is held to by its limits; the times are those of the
 machine at hand.
 
-[bold]Start here:[/]  gibench run --device-profile iphone7
+Start here:  gibench run --device-profile iphone7
 """
 EXIT_CODES = """
 Exit codes: 0 fine; 1 a check failed or something broke; 2 usage or bad input; 3 the device, the
@@ -45,7 +46,7 @@ line on standard error.
 
 app = typer.Typer(
     add_completion=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog=paragraphs(EXIT_CODES),
@@ -63,8 +64,10 @@ for command in (
     techniques.techniques,
     devices.devices,
 ):
-    app.command(command.__name__, help=paragraphs(command.__doc__))(command)
-app.add_typer(profiles.app, name="profiles")
+    text = paragraphs(command.__doc__)
+    summary = text.partition("\n")[0]  # given, so that the list of commands does not cut it short
+    app.command(command.__name__, cls=Sectioned, help=text, short_help=summary)(command)
+app.add_typer(profiles.app, name="profiles", short_help=profiles.SUMMARY)
 
 
 def _version(asked: bool) -> None:

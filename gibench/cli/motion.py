@@ -16,7 +16,7 @@ MotionChoice = Annotated[
     typer.Option(
         "--motion",
         metavar="rest|scene|FILE",
-        help="What the scene's objects do: [bold]rest[/]; move as the [bold]scene[/] describes "
+        help="What the scene's objects do: rest; move as the scene describes "
         "(its [[motion]] tables; of the built-in ones, hall and atrium); or as a TOML file with "
         "such tables does. The tree is refitted every frame. For direct, ddgi and gibs.",
         rich_help_panel=OUTPUT,

@@ -28,7 +28,7 @@ Profiles = Annotated[
         "--device-profile",
         "-d",
         metavar="NAME|FILE",
-        help="Device whose limits bind: [bold]iphone7[/], radeon560, vega56, or a TOML file.",
+        help="Device whose limits bind: iphone7, radeon560, vega56, or a TOML file.",
         rich_help_panel=GRID,
     ),
 ]
@@ -77,7 +77,7 @@ Variants = Annotated[
     typer.Option(
         "--variant",
         metavar="published|tuned",
-        help="[bold]published[/]: structured as the paper has it. [bold]tuned[/]: the same result, "
+        help="published: structured as the paper has it. tuned: the same result, "
         "as fast as we can make it.",
         rich_help_panel=GRID,
     ),
@@ -162,7 +162,7 @@ WorkgroupSizesOrAuto = Annotated[
         "-w",
         metavar="N|auto",
         help="Work-items per group; by default the profile's. A pass that cannot run at one is "
-        "skipped with its reason. [bold]auto[/]: each pass at its best, by measurement, remembered "
+        "skipped with its reason. auto: each pass at its best, by measurement, remembered "
         "in the cache folder.",
         rich_help_panel=GRID,
     ),

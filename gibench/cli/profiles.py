@@ -8,19 +8,20 @@ import typer
 
 from gibench.cli.options import paragraphs
 
-_HELP = """
-List the device profiles, or show one with the source of each figure.
+SUMMARY = "List the device profiles, or show one with the source of each figure."
+_HELP = f"""
+{SUMMARY}
 
 A profile is a TOML file; your own is given by its path wherever a name is asked for.
 
-[bold]Examples[/]
+Examples:
 
 gibench profiles
 
 gibench profiles show iphone7
 """
 
-app = typer.Typer(rich_markup_mode="rich")
+app = typer.Typer(rich_markup_mode=None)
 
 
 @app.callback(invoke_without_command=True, help=paragraphs(_HELP))

@@ -107,7 +107,7 @@ def quality(
     Lights stand still and every technique runs until its indirect light does. Errors carry the
     reference's own uncertainty: a difference below it is called none.
 
-    [bold]Examples[/]
+    Examples:
 
       gibench quality --technique srp --sh-order 2 --sh-order 7
 

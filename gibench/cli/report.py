@@ -34,7 +34,7 @@ def report(
     The page needs no network. Several runs are put side by side, aligned by configuration; what
     quality left adds error against time. All figures are computed anew from the runs' samples.
 
-    [bold]Examples[/]
+    Examples:
 
       gibench report results/runs/20260101T120000Z-iphone7 --html
 

@@ -101,7 +101,7 @@ def run(
     scene starts at once. Times are in milliseconds on the machine at hand; the profile binds
     work-group sizes, local memory and buffer memory, and does not slow anything down.
 
-    [bold]Examples[/]
+    Examples:
 
       gibench run --device-profile iphone7
 
