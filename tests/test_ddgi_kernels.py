@@ -297,16 +297,17 @@ def test_fp16_rounding_keeps_the_mean(scene, variant):
 # -- the gather --------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("variant", ["published", "tuned"])
 @pytest.mark.parametrize("storage", ["fp16", "fp32"])
 @pytest.mark.parametrize("more", [{}, {"gamma": 1.0, "normal_bias": 0.4}, {"gamma": 3.3}])
-def test_gather_at_receivers(scene, storage, more):
+def test_gather_at_receivers(scene, variant, storage, more):
     rng = np.random.default_rng(3)
     lightmap = random_lightmap(rng, scene, 300, 20, 20)
     # The volume is smaller than the scene: some receivers lie outside it.
     place = {"origin": "-0.6,-0.5,-0.4", "spacing": "0.3,0.4,0.5"}
     settings = {**SMALL, **place, "storage": storage, **more}
     for size in (7, 64):
-        technique = create(scene, settings, size=size, lightmap=lightmap)
+        technique = create(scene, settings, variant, size, lightmap)
         randomise(technique, rng, states=(0, 2, 3, 3, 3))
         technique.probes.scroll_to((0.7, 0.1, -0.4))
         s = state_of(technique)

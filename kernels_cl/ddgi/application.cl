@@ -6,7 +6,7 @@
 #include "common/lights.cl"
 #include "common/material.cl"
 #include "common/sampling.cl"
-#include "ddgi/volume.cl"
+#include "ddgi/gather.cl"
 
 #define SHOW_DIRECT 1
 #define SHOW_INDIRECT 2
@@ -67,14 +67,9 @@ __kernel void receiver_irradiance(VOLUME_PARAMS, MAP_PARAMS, __global const floa
 inline float3 stored_irradiance(__global const map_t *irradiance_maps, int probe, float3 direction)
 {
     float2 f;
-    const size_t first = (size_t)probe * ((IRRADIANCE_SIDE + 2) * (IRRADIANCE_SIDE + 2)) +
-                         map_corner(direction, IRRADIANCE_SIDE, &f);
-    const float4 stored =
-        mix(mix(map_load4(first, irradiance_maps), map_load4(first + 1, irradiance_maps), f.x),
-            mix(map_load4(first + IRRADIANCE_SIDE + 2, irradiance_maps),
-                map_load4(first + IRRADIANCE_SIDE + 3, irradiance_maps), f.x),
-            f.y);
-    const float4 root = decoded_root(stored);
+    const int corner = map_corner(direction, IRRADIANCE_SIDE, &f);
+    const size_t first = (size_t)probe * IRRADIANCE_MAP + corner;
+    const float4 root = irradiance_root(irradiance_maps, first, f);
     return 2.0f * PI_F * root.xyz * root.xyz;
 }
 

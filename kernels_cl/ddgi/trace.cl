@@ -7,8 +7,8 @@
 #include "common/lights.cl"
 #include "common/material.cl"
 #include "common/sampling.cl"
+#include "ddgi/gather.cl"
 #include "ddgi/rays.cl"
-#include "ddgi/volume.cl"
 
 inline float3 triangle_normal(__global const float *positions, __global const int *triangles,
                               int triangle)

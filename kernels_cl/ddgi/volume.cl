@@ -1,4 +1,4 @@
-// DDGI's probes: where they are, what they store, and the eight-probe gather.
+// DDGI's probes: where they are and what they store.
 //
 // Macros: PROBES, COUNT_X, COUNT_Y, COUNT_Z; IRRADIANCE_SIDE and DISTANCE_SIDE (texels of a map's
 // side without its border); HALF_STORAGE; DECODE_HALVES (gamma where it is a whole number, else 0)
@@ -141,71 +141,27 @@ inline float volume_weight(__global const float *volume, float3 position)
     return share.x * share.y * share.z;
 }
 
-// Irradiance, W/m2, at a surface with unit normal: the eight probes around it, each weighed by
-// trilinear distance, by how far it is in front of the surface and by the Chebyshev test on its
-// distances. Majercik et al. 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance
-// Fields", section 5; constants of RTXGI-DDGI 1.3.7.
-inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float3 bias,
-                                  float3 normal)
+// Bilinear value of a probe's irradiance map, as the square root of half the mean radiance.
+//   first     the upper left texel's place among all maps' texels
+//   fraction  from map_corner
+inline float4 irradiance_root(__global const map_t *irradiance_maps, size_t first, float2 fraction)
 {
-    const float3 spacing = load3(volume, 1);
-    const int3 last = (int3)(COUNT_X - 1, COUNT_Y - 1, COUNT_Z - 1);
-    const float3 biased = position + bias;
-    const float longest = max_distance(volume);
-    const int3 base = clamp(convert_int3_rtn((biased - load3(volume, 0)) / spacing), (int3)(0), last);
-    const float3 alpha = clamp((biased - grid_position(volume, base)) / spacing, 0.0f, 1.0f);
-    float2 f;
-    const int corner = map_corner(normal, IRRADIANCE_SIDE, &f);
-    float4 sum = (float4)(0.0f);
-    float weights = 0.0f;
-    for (int i = 0; i < 8; ++i) {
-        const int3 step = (int3)(i & 1, (i >> 1) & 1, i >> 2);
-        const int probe = probe_index(volume, min(base + step, last));
-        const float4 data = probe_data[probe];
-        if ((int)data.w != (PROBE_ACTIVE | PROBE_BLENDED))
-            continue;
-        const float3 at = probe_grid_position(volume, probe) + data.xyz;
-        const float3 trilinear = fmax(mix(1.0f - alpha, alpha, convert_float3(step)), 0.001f);
-        const float3 to_probe = at - position;
-        const float facing =
-            dot(to_probe, normal) * rsqrt(fmax(dot(to_probe, to_probe), 1e-12f)) * 0.5f + 0.5f;
-        float weight = facing * facing + 0.2f;
+    const size_t below = first + IRRADIANCE_SIDE + 2;
+    const float4 upper = mix(map_load4(first, irradiance_maps),
+                             map_load4(first + 1, irradiance_maps), fraction.x);
+    const float4 lower = mix(map_load4(below, irradiance_maps),
+                             map_load4(below + 1, irradiance_maps), fraction.x);
+    return decoded_root(mix(upper, lower, fraction.y));
+}
 
-        const float3 from_probe = biased - at;
-        const float meters = fmax(length(from_probe), 1e-6f);
-        float2 g;
-        const int nearest = map_corner(from_probe / meters, DISTANCE_SIDE, &g);
-        const size_t row = (size_t)probe * ((DISTANCE_SIDE + 2) * (DISTANCE_SIDE + 2)) + nearest;
-        const float2 moments =
-            mix(mix(map_load2(row, distance_maps), map_load2(row + 1, distance_maps), g.x),
-                mix(map_load2(row + DISTANCE_SIDE + 2, distance_maps),
-                    map_load2(row + DISTANCE_SIDE + 3, distance_maps), g.x),
-                g.y);
-        const float behind = meters / longest - moments.x;
-        if (behind > 0.0f) {
-            // Chebyshev's inequality bounds how much of the surface the probe sees.
-            const float variance = fabs(moments.x * moments.x - moments.y);
-            const float seen = variance / (variance + behind * behind);
-            weight *= fmax(VISIBILITY_FLOOR, seen * seen * seen);
-        }
-        weight = fmax(weight, 1e-6f);
-        if (weight < CRUSH_THRESHOLD)
-            weight *= weight * weight * (1.0f / (CRUSH_THRESHOLD * CRUSH_THRESHOLD));
-        weight *= trilinear.x * trilinear.y * trilinear.z;
-
-        const size_t first = (size_t)probe * ((IRRADIANCE_SIDE + 2) * (IRRADIANCE_SIDE + 2)) + corner;
-        const float4 stored =
-            mix(mix(map_load4(first, irradiance_maps), map_load4(first + 1, irradiance_maps), f.x),
-                mix(map_load4(first + IRRADIANCE_SIDE + 2, irradiance_maps),
-                    map_load4(first + IRRADIANCE_SIDE + 3, irradiance_maps), f.x),
-                f.y);
-        sum += weight * decoded_root(stored);
-        weights += weight;
-    }
-    if (weights <= 0.0f)
-        return (float3)(0.0f);
-    const float3 root = sum.xyz / weights;
-    return root * root * (2.0f * PI_F * volume_weight(volume, position));
+// Bilinear mean and mean square of the distance in a probe's map, from its upper left texel on.
+inline float2 distance_moments(__global const map_t *distance_maps, size_t first, float2 fraction)
+{
+    // Two texels of two at a time.
+    __global const map_t *upper = distance_maps + 2 * first;
+    __global const map_t *lower = upper + 2 * (DISTANCE_SIDE + 2);
+    const float4 both = mix(map_load4(0, upper), map_load4(0, lower), fraction.y);
+    return mix(both.xy, both.zw, fraction.x);
 }
 
 #endif

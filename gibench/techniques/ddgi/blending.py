@@ -26,10 +26,12 @@ class Blending(Protocol):
 
     Attributes:
         lanes: probes whose rays lie side by side.
+        width: floats per vector, of blending and of the gather.
         rays: what probe_shade writes and blending reads.
     """
 
     lanes: int
+    width: int
     rays: Buffer
 
     def irradiance(self) -> Sequence[Launch]:
@@ -48,7 +50,7 @@ class Published:
         probes: what is blended into.
     """
 
-    lanes = 1
+    lanes = width = 1
 
     def __init__(self, probes: Probes) -> None:
         self.probes = probes
@@ -96,7 +98,7 @@ class Tuned:
     def __init__(self, probes: Probes) -> None:
         self.probes = probes
         device, s = probes.device, probes.settings
-        self._width = device.vector_width
+        self.width = device.vector_width
         self.lanes = lanes_of(device.vector_width, device.profile.simd_width)
         count, blocks = probes.volume.probes, -(-probes.volume.probes // self.lanes)
         shape = (blocks, s.blended, RAY_PLANES, self.lanes)
@@ -157,10 +159,10 @@ class Tuned:
         return Launch(program, "blend_weights", args, items=side**2)
 
     def _items(self, side: int) -> int:
-        return -(-self.probes.volume.probes // self.lanes) * (self.lanes // self._width) * side**2
+        return -(-self.probes.volume.probes // self.lanes) * (self.lanes // self.width) * side**2
 
     def _defines(self) -> dict[str, Define]:
-        return {**self.probes.defines(self.lanes), "VEC": self._width}
+        return {**self.probes.defines(self.lanes), "VEC": self.width}
 
 
 def lanes_of(vector_width: int, simd_width: int) -> int:

@@ -229,7 +229,7 @@ class DdgiPasses:
         return *s.bvh_args, *s.surface_args, *s.light_args, *s.environment_args
 
     def _defines(self) -> dict[str, int | float | str | bool]:
-        return self.probes.defines(self.blending.lanes)
+        return {**self.probes.defines(self.blending.lanes), "VEC": self.blending.width}
 
     def _trace(self) -> Sequence[Launch]:
         p = self.probes
