@@ -8,12 +8,16 @@ dropped coefficients, compressed once more.
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gibench.bake.cpca import truncated_svd
 from gibench.bake.srp_data import Cluster, RelightSamples, SrpBake, sh_count
+from gibench.progress import progress
 
 
 def lower_order(bake: SrpBake, order: int, most: int, threshold: float) -> SrpBake:
@@ -33,13 +37,25 @@ def lower_order(bake: SrpBake, order: int, most: int, threshold: float) -> SrpBa
     count = sh_count(order)
     relight = bake.relight
     basis = np.ascontiguousarray(relight.basis[:, :count])
+
+    def lowered(cluster: Cluster) -> Cluster:
+        return _lowered(cluster, bake.coefficients, count, most, threshold)
+
+    clusters = []
+    # BLAS threads of one worker would only take the cores of the others.
+    with (
+        threadpool_limits(limits=1),
+        progress(f"Lowering the bake to order {order}", len(bake.clusters)) as advance,
+        ThreadPoolExecutor(os.cpu_count()) as pool,
+    ):
+        for cluster in pool.map(lowered, bake.clusters):
+            clusters.append(cluster)
+            advance(1)
     return replace(
         bake,
         sh_order=order,
         relight=RelightSamples(relight.directions, basis, relight.texel),
-        clusters=tuple(
-            _lowered(c, bake.coefficients, count, most, threshold) for c in bake.clusters
-        ),
+        clusters=tuple(clusters),
     )
 
 
