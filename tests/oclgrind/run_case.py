@@ -55,6 +55,7 @@ SMALL = {
     "relight_samples": 40,
     "transport_rays": 24,
     "rays": 40,
+    "distance_texels": 6,
     "surfels": 300,
     "ray_budget": 400,
     "grid_cells": 6,
