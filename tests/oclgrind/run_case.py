@@ -55,7 +55,7 @@ SMALL = {
     "relight_samples": 40,
     "transport_rays": 24,
     "rays": 40,
-    "distance_texels": 6,
+    "distance_texels": 9,  # more texels than the largest group has work-items
     "surfels": 300,
     "ray_budget": 400,
     "grid_cells": 6,
