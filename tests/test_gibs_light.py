@@ -66,7 +66,7 @@ def test_ray_guiding_keeps_the_mean_in_a_furnished_room():
         ]
     )  # fmt: skip
     noise = np.sqrt(means.var(axis=1, ddof=1).sum() / means.shape[1])
-    # Seeds spread by 1.6 to 1.9 % of the mean (Zen 3): 16 of them know a mean's difference to 0.6 %.
+    # Seeds spread by 1.6 to 1.9 % of the mean (Zen 3): with 16 the difference is known to 0.6 %.
     assert noise < 0.01 * means.mean()  # 1 %: a difference of 4 % would not pass
     assert abs(means[1].mean() - means[0].mean()) < 4 * noise
 
