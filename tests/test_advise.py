@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,6 +14,7 @@ from gibench.cli.main import call
 from gibench.errors import CannotRun
 from gibench.profiles import load_profile
 from gibench.scene.load import load_scene
+from gibench.study import quality
 from gibench.study.advise import advice, check_fit, sweep
 from gibench.study.pareto import pareto_front
 from gibench.techniques.registry import find_technique, techniques
@@ -41,14 +44,16 @@ def row(technique, time, memory, error, **more):
     return {**given, "reason": "", "bias": 0.0, **more}
 
 
-ROWS = [
-    row("a", 10.0, 5, 0.3),
-    row("b", 30.0, 9, 0.1),
-    row("c", 40.0, 9, 0.05),
-    row("d", 31.0, 9, 0.2),
-    row("b", 30.0, 9, 0.9, region="corner"),
-    row("e", None, None, None, status="skipped", reason="too large"),
-]
+ROWS = pd.DataFrame(
+    [
+        row("a", 10.0, 5, 0.3),
+        row("b", 30.0, 9, 0.1),
+        row("c", 40.0, 9, 0.05),
+        row("d", 31.0, 9, 0.2),
+        row("b", 30.0, 9, 0.9, region="corner"),
+        row("e", None, None, None, status="skipped", reason="too large"),
+    ]
+)
 
 
 def test_the_best_that_fits_comes_first():
@@ -97,7 +102,7 @@ SMALL = (
 )
 
 
-def test_advise_on_the_command_line(tmp_path, capsys):
+def test_advise_on_the_command_line(tmp_path, monkeypatch, capsys):
     cache = ["--cache-dir", str(tmp_path / "cache")]
     fits = ["advise", *SMALL, *cache, "--budget-ms", "10000", "--out", str(tmp_path / "a")]
     assert call(fits) == 0
@@ -108,10 +113,39 @@ def test_advise_on_the_command_line(tmp_path, capsys):
     assert table["fits"].all() and table["rel_l2"].is_monotonic_increasing
     for name in ("advice.md", "pareto.png", "pareto.svg"):
         assert (tmp_path / "a" / name).stat().st_size > 500
-    nothing = ["advise", *SMALL, *cache, "--budget-ms", "1e-6", "--out", str(tmp_path / "b"), "-q"]
+    monkeypatch.setattr(quality, "settle", None)  # another budget measures nothing again
+    nothing = ["advise", *SMALL, *cache, "--budget-ms", "1e-6", "--out", str(tmp_path / "a"), "-q"]
     assert call(nothing) == 3
     told = capsys.readouterr().err
     assert told.count("\n") == 1 and "nearest is" in told
+    assert not pd.read_csv(tmp_path / "a/advice.csv")["fits"].any()
+    record = json.loads((tmp_path / "a/run.json").read_text())
+    assert record["arguments"]["scene"] == "cornell-box" and record["environment"]["cpu"]
+    assert call([*fits, "--seed", "5"]) == 2  # another run's folder
+    assert "already holds another run" in capsys.readouterr().err
     for budget in ("0", "-3", "nan"):
         assert call(["advise", *SMALL, *cache, "--budget-ms", budget]) == 2
         assert "is no time" in capsys.readouterr().err
+
+
+def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys):
+    """Ctrl-C while the second setting runs; the same command tries only that one again."""
+    tried, settle = [], quality.settle
+
+    def once_interrupted(configuration, *how):
+        tried.append(configuration.number)
+        if tried == [1, 2]:
+            raise KeyboardInterrupt
+        return settle(configuration, *how)
+
+    monkeypatch.setattr(quality, "settle", once_interrupted)
+    command = ["advise", *SMALL[:8], "-t", "direct", "--variant", "published", "--variant", "tuned"]
+    command += ["--budget-ms", "10000", "--cache-dir", str(tmp_path / "cache")]
+    command += ["--out", str(tmp_path / "a"), "-q"]
+    assert call(command) == 130
+    assert "1 of 2 settings were tried" in capsys.readouterr().err
+    assert pd.read_csv(tmp_path / "a/advice.csv")["variant"].tolist() == ["published"]
+    assert call(command) == 0
+    assert tried == [1, 2, 2]
+    table = pd.read_csv(tmp_path / "a/advice.csv")
+    assert sorted(table["variant"]) == ["published", "tuned"] and table["fits"].all()

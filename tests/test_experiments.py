@@ -159,6 +159,14 @@ def test_experiments_are_listed_and_unknown_ones_refused(capsys):
     assert told.count("\n") == 1 and "the experiments are frame-times, sh-order" in told
 
 
+def test_paths_bound_an_experiments_reference(tmp_path, capsys):
+    context = common.Context(None, (), tmp_path, None, target_error=0.01, reference_paths=24)
+    asked = context.quality((64, 36))
+    assert (asked.target_error, asked.reference_paths) == (0.01, 24)
+    assert call(["experiment", "sh-order", "--reference-paths", "7"]) == 2
+    assert "7 paths give no standard error" in capsys.readouterr().err
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     return ["--cache-dir", str(tmp_path_factory.mktemp("cache")), "--quick", "--target-error", "1"]

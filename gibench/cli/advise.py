@@ -34,6 +34,7 @@ def advise(
     settings: options.Set = None,
     light_frame: options.LightFrame = 0,
     target_error: options.TargetError = 0.05,
+    reference_paths: options.ReferencePaths = None,
     frames: options.SettleFrames = 256,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
@@ -44,7 +45,8 @@ def advise(
             "-o",
             metavar="DIR",
             help="Folder for advice.csv, advice.md and the plot; by default "
-            "results/advice/<UTC time>-<profile>.",
+            "results/advice/<UTC time>-<profile>. Settings that it holds already are not tried "
+            "again, whatever the budget.",
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
@@ -66,20 +68,21 @@ def advise(
     from gibench.device.device import select_cl_device
     from gibench.measure.configuration import check_settings_names
     from gibench.measure.environment import cpu_name
+    from gibench.measure.record import study_record
     from gibench.measure.run_folder import RunFolder, default_folder
     from gibench.measure.setup import LoopOptions
     from gibench.report.advice import advice_report, plot_advice, show_advice
     from gibench.report.tables import csv_text
     from gibench.study.advise import RECEIVER_SHARES, advice, check_fit, sweep
     from gibench.study.frozen import FrozenShared
-    from gibench.study.quality import QualityOptions, check_target_error, compare
+    from gibench.study.quality import COLUMNS, QualityOptions, check_views, compare
+    from gibench.study.rows import Rows
     from gibench.study.settle import SettleOptions
     from gibench.techniques.registry import techniques
 
     if not (math.isfinite(budget_ms) and budget_ms > 0):
         raise BadInput(f"--budget-ms {budget_ms:g} is no time", mend="give more than 0 ms")
     width, height = options.resolution(resolution)
-    check_target_error(target_error)
     profile = options.load_profiles([device_profile])[0]
     specs = options.find_techniques(technique or list(techniques()))
     wanted = options.request([scene], variant, sh_order, probes, receivers, None, settings)
@@ -97,18 +100,33 @@ def advise(
         {"sh_order": wanted.sh_orders, "probes": wanted.probes},
         wanted.settings,
     )
-    path = out or Path("results", "advice", default_folder([profile.name]).name)
-    arguments = {"command": "advise", "profile": profile.name, "scene": Path(scene).name}
-    folder = RunFolder.create(path, arguments | {"budget_ms": budget_ms, "seed": seed})
     how = QualityOptions(
         LoopOptions(width=width, height=height, camera=camera, seed=seed),
         SettleOptions(frames),
         target_error=target_error,
+        reference_paths=reference_paths,
+        flip=False,  # none of its tables shows it
     )
-    outcome = compare(configurations, how, shared, cl_device)
-    if not outcome.rows:
+    check_views(configurations, how, shared)
+    path = out or Path("results", "advice", default_folder([profile.name]).name)
+    # The budget is no part of it: what is there is judged by another one without measuring again.
+    asked = options.recorded(locals(), "light_frame", "target_error", "reference_paths")
+    asked["command"] = "advise"
+    folder = RunFolder.create(path, asked)
+    folder.write_record(study_record(asked, cl_device))
+    kept = Rows.at(folder.path / "settings.csv", ("number",), COLUMNS)
+    outcome = compare(
+        configurations,
+        how,
+        shared,
+        cl_device,
+        keep=lambda number, rows: kept.add([{"number": number, **row} for row in rows]),
+        done={c.number for c in configurations if kept.done({"number": c.number})},
+    )
+    rows = kept.table().fillna({"reason": ""}).drop(columns="number")
+    if rows.empty:
         raise Interrupted("interrupted before anything was measured")
-    table = advice(outcome.rows, budget_ms)
+    table = advice(rows, budget_ms)
     folder.write_text("advice.csv", csv_text(table))
     folder.write_text("advice.md", advice_report(table, profile.name, budget_ms, cpu_name()))
     if (table["status"] == "ok").any():
@@ -117,5 +135,8 @@ def advise(
         show_advice(table, profile.name, budget_ms, cpu_name())
         typer.echo(f"see {folder.path}")
     if outcome.interrupted:
-        raise Interrupted(f"interrupted; {len(table)} settings were tried, see {folder.path}")
+        raise Interrupted(
+            f"interrupted; {len(table)} of {len(configurations)} settings were tried, see "
+            f"{folder.path}; the same command with --out {folder.path} goes on from there"
+        )
     check_fit(table, budget_ms)

@@ -39,6 +39,7 @@ def experiment(
         ),
     ] = None,
     target_error: options.TargetError = 0.02,
+    reference_paths: options.ReferencePaths = None,
     frames: Annotated[
         int,
         typer.Option(
@@ -102,12 +103,14 @@ def experiment(
     chosen = find_experiment(name)
 
     from gibench.device.device import select_cl_device
-    from gibench.measure.environment import device_record, environment, versions
+    from gibench.measure.record import study_record
     from gibench.measure.run_folder import RunFolder
+    from gibench.reference.path_tracer import check_paths
     from gibench.study.experiments.common import Context, run_experiment
     from gibench.study.quality import check_target_error
 
     check_target_error(target_error)
+    check_paths(reference_paths, "--reference-paths")
     image = None if resolution is None else options.resolution(resolution)
     profiles = options.load_profiles(device_profile or chosen.profiles)
     cl_device = select_cl_device(device)
@@ -118,21 +121,14 @@ def experiment(
         "profiles": [profile.name for profile in profiles],
         "scene": [Path(path).name for path in scene or ()],
         "target_error": target_error,
+        "reference_paths": reference_paths,
         "frames": frames,
         "resolution": resolution,
         "seed": seed,
     }
     path = out or Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
     folder = RunFolder.create(path, arguments)
-    folder.write_record(
-        {
-            "schema_version": 1,
-            "arguments": arguments,
-            "versions": versions(),
-            "environment": environment(),
-            "device": device_record(cl_device),
-        }
-    )
+    folder.write_record(study_record(arguments, cl_device))
     context = Context(
         folder=folder,
         profiles=tuple(profiles),
@@ -143,6 +139,7 @@ def experiment(
         frames=frames,
         resolution=image,
         target_error=target_error,
+        reference_paths=reference_paths,
         seed=seed,
     )
     rows = run_experiment(chosen, context)

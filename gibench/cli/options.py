@@ -215,6 +215,16 @@ TargetError = Annotated[
         rich_help_panel=TRUTH,
     ),
 ]
+ReferencePaths = Annotated[
+    int | None,
+    typer.Option(
+        "--reference-paths",
+        metavar="N",
+        help="Paths per receiver or pixel at most, whatever the target error; by default as many "
+        "as it takes.",
+        rich_help_panel=TRUTH,
+    ),
+]
 SettleFrames = Annotated[
     int,
     typer.Option(
@@ -366,16 +376,18 @@ def _settings(texts: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def recorded(given: Mapping[str, Any], *names: str) -> dict[str, Any]:
-    """What a run and a study have both been asked for, and ``names``, for their records: files by
-    base name, folders not at all.
+    """What a command was asked for, for its record: of what runs and studies share all that it
+    takes, and ``names``; files by base name, folders not at all.
     """
-    both = (
+    shared = (
         *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
         *("workgroup_size", "settings", "frames", "resolution", "camera", "seed", "device"),
         *("camera_path", "rest_frames", "flight_frames"),
     )
-    arguments = {name: given[name] for name in (*both, *names)}
-    for name in ("device_profile", "scene"):
-        arguments[name] = [Path(value).name for value in arguments[name]]
-    arguments["camera_path"] = Path(given["camera_path"]).name
+    arguments = {name: given[name] for name in shared if name in given}
+    arguments |= {name: given[name] for name in names}
+    for name in {"device_profile", "scene", "camera_path"} & set(arguments):
+        value = arguments[name]
+        is_one = isinstance(value, str)
+        arguments[name] = Path(value).name if is_one else [Path(each).name for each in value]
     return arguments

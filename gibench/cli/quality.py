@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -59,16 +59,7 @@ def quality(
             rich_help_panel=options.TRUTH,
         ),
     ] = 1,
-    reference_paths: Annotated[
-        int | None,
-        typer.Option(
-            "--reference-paths",
-            metavar="N",
-            help="Paths per receiver at most, whatever the target error; by default as many as it "
-            "takes.",
-            rich_help_panel=options.TRUTH,
-        ),
-    ] = None,
+    reference_paths: options.ReferencePaths = None,
     region: Annotated[
         list[str] | None,
         typer.Option(
@@ -119,7 +110,8 @@ def quality(
     """
     from gibench.device.device import select_cl_device
     from gibench.measure.configuration import grid
-    from gibench.measure.environment import cpu_name, device_record, environment, versions
+    from gibench.measure.environment import cpu_name
+    from gibench.measure.record import study_record
     from gibench.measure.run_folder import RunFolder, default_folder
     from gibench.measure.setup import LoopOptions
     from gibench.report.quality import quality_report, quality_table, show_quality
@@ -176,15 +168,7 @@ def quality(
         *("results", "quality", default_folder([p.name for p in profiles]).name),
     )
     folder = RunFolder.create(path, arguments)
-    record: dict[str, Any] = {
-        "schema_version": 1,
-        "arguments": arguments,
-        "seed": seed,
-        "versions": versions(),
-        "environment": environment(),
-        "device": device_record(cl_device),
-    }
-    folder.write_record(record)
+    folder.write_record(study_record(arguments, cl_device))
 
     def take(group: Group, name: str) -> None:
         beneath = folder.path / group.name if several else folder.path

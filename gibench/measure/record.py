@@ -50,6 +50,18 @@ def begin_record(
     }
 
 
+def study_record(arguments: Mapping[str, Any], cl_device: Any) -> dict[str, Any]:
+    """``run.json`` of ``quality``, ``advise`` and ``experiment``: what was asked, and where."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "arguments": dict(arguments),
+        "seed": arguments["seed"],
+        "versions": versions(),
+        "environment": environment(),
+        "device": device_record(cl_device),
+    }
+
+
 def finish_record(
     record: Mapping[str, Any], outcome: Outcome, shared: Shared, roofs: Roofs | None
 ) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def _numbered(configuration: Configuration, number: int) -> Configuration:
     return replace(configuration, number=number)
 
 
-def advice(rows: Sequence[Mapping[str, Any]], budget_ms: float) -> pd.DataFrame:
+def advice(rows: pd.DataFrame, budget_ms: float) -> pd.DataFrame:
     """The table of what was tried, best error first among what fits, then the rest by time.
 
     Two columns are added: ``fits`` (the median frame is within the budget; memory always is, or it
@@ -82,7 +82,7 @@ def advice(rows: Sequence[Mapping[str, Any]], budget_ms: float) -> pd.DataFrame:
         rows: of ``quality.csv``; those of regions are left out.
         budget_ms: time a frame may take.
     """
-    table = pd.DataFrame([row for row in rows if row["region"] == WHOLE])
+    table = rows[rows["region"] == WHOLE].copy()
     for name in ("time_ms", "memory_bytes", *METRICS):
         if name not in table:
             table[name] = float("nan")

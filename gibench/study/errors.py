@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,17 @@ class Truth:
         exposure = metrics.default_exposure(bright)
         return Truth(value, stderr, area, view, exposure, seen, view.error_of(stderr))
 
+    @cached_property
+    def flip_of_noise(self) -> Doubles:
+        """FLIP (h, w) of the image against itself with its noise drawn once more.
+
+        Raises:
+            CannotRun: flip-evaluator is not installed.
+        """
+        draw = np.random.default_rng(1).normal(size=self.seen.shape)
+        noisy = np.maximum(self.seen + self.seen_stderr * draw, 0.0)
+        return metrics.flip_map(noisy, self.seen)
+
     @property
     def relative_error(self) -> float:
         """Mean standard error over mean value."""
@@ -57,7 +69,9 @@ class Truth:
         return float(self.stderr.mean()) / mean if mean > 0 else 0.0
 
 
-def errors(truth: Truth, result: Doubles, regions: Mapping[str, Mask]) -> dict[str, dict[str, Any]]:
+def errors(
+    truth: Truth, result: Doubles, regions: Mapping[str, Mask], *, with_flip: bool = True
+) -> dict[str, dict[str, Any]]:
     """The metrics by region, :data:`~gibench.study.regions.WHOLE` first.
 
     Over the whole, bias and relative errors are those of the receivers, weighted by area, whether
@@ -69,12 +83,13 @@ def errors(truth: Truth, result: Doubles, regions: Mapping[str, Mask]) -> dict[s
         truth: the reference.
         result: (n, 3).
         regions: masks (h, w) by name.
+        with_flip: whether to take FLIP, which takes longer than all the others together.
 
     Raises:
         BadInput: the result is of other receivers, or not finite.
     """
     image = truth.view.of(result)
-    maps = _flip_maps(truth, image)
+    maps = _flip_maps(truth, image) if with_flip else None
     found = {WHOLE: _of_image(truth, image, truth.view.seen, maps)}
     found[WHOLE] |= _relative(result, truth.value, truth.stderr, truth.area)
     for name, mask in regions.items():
@@ -120,15 +135,13 @@ def _of_image(
 
 
 def _flip_maps(truth: Truth, image: Doubles) -> tuple[Doubles, Doubles] | None:
-    """FLIP of every pixel, and of the reference against itself with its noise drawn once more.
+    """FLIP of every pixel, of the result and of the reference's own noise.
 
     None where the package is missing or the reference is black.
     """
     if not truth.seen.any():
         return None
-    draw = np.random.default_rng(1).normal(size=truth.seen.shape)
-    noisy = np.maximum(truth.seen + truth.seen_stderr * draw, 0.0)
     try:
-        return metrics.flip_map(image, truth.seen), metrics.flip_map(noisy, truth.seen)
+        return metrics.flip_map(image, truth.seen), truth.flip_of_noise
     except CannotRun:
         return None

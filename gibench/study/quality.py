@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,7 @@ class QualityOptions:
         reference: ``receivers.npz`` whose reference is taken instead of path tracing.
         reference_seed: of the path tracer.
         reference_paths: per receiver at most; None for as many as the target error takes.
+        flip: whether FLIP is wanted, which takes a minute an image.
     """
 
     loop: LoopOptions
@@ -64,6 +65,7 @@ class QualityOptions:
     reference: Path | None = None
     reference_seed: int = 1
     reference_paths: int | None = None
+    flip: bool = True
 
 
 @dataclass
@@ -107,6 +109,7 @@ class Outcome:
 
 
 Take = Callable[[Group, str], None]
+Keep = Callable[[int, Sequence[dict[str, Any]]], None]
 
 
 def check_target_error(target: float) -> None:
@@ -149,6 +152,8 @@ def compare(
     shared: FrozenShared,
     cl_device: Any,
     take: Take | None = None,
+    keep: Keep | None = None,
+    done: Container[int] = (),
 ) -> Outcome:
     """Settle every configuration and compare it with the reference of its receivers.
 
@@ -161,6 +166,8 @@ def compare(
         shared: scenes with standing lights.
         cl_device: where techniques run.
         take: called with the group and the result's name whenever a result is there.
+        keep: called with a configuration's number and its rows as soon as they are there.
+        done: numbers of configurations that are left out, as their rows are kept from before.
 
     Raises:
         BadInput: the scene, camera, a region, the reference's file or its target error is wrong.
@@ -170,21 +177,29 @@ def compare(
     outcome = Outcome()
     try:
         group, key = None, None
-        for configuration in configurations:
+        for turn, configuration in enumerate(configurations, 1):
+            if configuration.number in done:
+                continue
             if group is None or key != (configuration.scene, configuration.receivers):
                 key = configuration.scene, configuration.receivers
                 group = group_of(configuration, options, shared)
                 outcome.groups.append(group)
             name = names[configuration.number]
             try:
-                settled = settle(configuration, options.settle, options.loop, shared, cl_device)
+                among = f"{turn} of {len(configurations)}"
+                settled = settle(
+                    configuration, options.settle, options.loop, shared, cl_device, among
+                )
             except GibenchError as error:
                 outcome.first_error = outcome.first_error or error
-                outcome.rows.append(_refused(configuration, group, options, shared, name, error))
-                continue
-            group.results[name] = settled.irradiance
-            outcome.rows += rows_of(settled, group, options, shared, name)
-            if take is not None:
+                rows = [_refused(configuration, group, options, shared, name, error)]
+            else:
+                rows = rows_of(settled, group, options, shared, name)
+                group.results[name] = settled.irradiance
+            outcome.rows += rows
+            if keep is not None:
+                keep(configuration.number, rows)
+            if take is not None and name in group.results:
                 take(group, name)
     except KeyboardInterrupt:
         outcome.interrupted = True
@@ -233,7 +248,7 @@ def rows_of(
     settled: Settled, group: Group, options: QualityOptions, shared: FrozenShared, name: str
 ) -> list[dict[str, Any]]:
     """One row of :data:`COLUMNS` per region."""
-    found = errors(group.truth, settled.irradiance, group.regions)
+    found = errors(group.truth, settled.irradiance, group.regions, with_flip=options.flip)
     counts = settled.result.counts
     common = _keys(settled.result.configuration, group, options, shared, name) | {
         "time_ms": settled.times.median_ms,

@@ -76,6 +76,7 @@ def settle(
     loop: LoopOptions,
     shared: Shared,
     cl_device: Any,
+    among: str = "",
 ) -> Settled:
     """Run ``configuration`` until it is settled or has run all its frames.
 
@@ -85,6 +86,7 @@ def settle(
         loop: image, camera and seed as in a run; without ``fit``; its frames do not count.
         shared: scenes whose lights stand still.
         cl_device: where to run.
+        among: what it is among others, for the progress bar, as in "3 of 18".
 
     Raises:
         CannotRun: the profile, device or budget forbids it or one of its passes.
@@ -97,7 +99,7 @@ def settle(
     try:
         prepared = prepare_passes(technique, configuration.workgroup_size)
         refuse_missing(prepared)
-        title = f"settling {configuration.label(scene.name)}"
+        title = f"settling {configuration.label(scene.name)}" + (f" ({among})" if among else "")
         with progress(title, options.frames) as advance:
             frames, times = 0, []
             watch = _Watch(options, _next=loop.flight.frames + FIRST_CHECK)

@@ -44,6 +44,7 @@ class Context:
         frames: timed per point.
         resolution: of the camera image instead of the experiment's own, or None.
         target_error: of references.
+        reference_paths: of references at most; None for as many as the target error takes.
         seed: of every random choice.
     """
 
@@ -56,6 +57,7 @@ class Context:
     frames: int = 30
     resolution: tuple[int, int] | None = None
     target_error: float = 0.02
+    reference_paths: int | None = None
     seed: int = 0
 
     @property
@@ -84,7 +86,10 @@ class Context:
         """How results are compared with the truth."""
         target = max(self.target_error, 0.2) if self.quick else self.target_error
         return QualityOptions(
-            self.loop(own), SettleOptions(32 if self.quick else 512), target_error=target
+            self.loop(own),
+            SettleOptions(32 if self.quick else 512),
+            target_error=target,
+            reference_paths=self.reference_paths,
         )
 
     def srp(

@@ -63,6 +63,7 @@ def _truth(context: Context, shared: FrozenShared) -> Reference:
         indirect_only=True,
         irradiance=True,
         target_error=options.target_error,
+        paths=options.reference_paths,
         store_dir=shared.cache_dir,
     )
 
