@@ -122,6 +122,35 @@ def test_flip_as_its_authors_have_it():
     assert metrics.flip(left, reference, stderr, far).value < 0.2 * found.value
 
 
+def test_flips_exposures_are_those_of_what_counts():
+    """A black background about the image, three times its size, changes neither exposures nor FLIP
+    (but near its edge, as FLIP filters).
+    """
+    package = pytest.importorskip("flip_evaluator", reason="flip-evaluator is not installed")
+    reference = image()
+    result = reference * np.array([1.3, 1.0, 0.8])
+    _, _, chosen = package.evaluate(
+        reference.astype(np.float32), result.astype(np.float32), "HDR", applyMagma=False
+    )
+    everywhere = np.ones(reference.shape[:2], bool)
+    start, stop = metrics._flip_exposures(metrics.luminance(reference).ravel())
+    assert start == pytest.approx(chosen["startExposure"], abs=1e-4)
+    assert stop == pytest.approx(chosen["stopExposure"], abs=1e-2)  # a median of an even number
+    border = ((48, 48), (64, 64))
+    large, larger = (np.pad(one, (*border, (0, 0))) for one in (reference, result))
+    counts = np.pad(everywhere, border)
+    inner = np.pad(np.ones((24, 40), bool), ((60, 60), (76, 76)))
+    alone = metrics.flip_map(result, reference, everywhere)
+    framed = metrics.flip_map(larger, large, counts)
+    assert framed[inner].mean() == pytest.approx(alone[12:36, 12:52].mean(), rel=0.02)
+    assert metrics.flip(larger, large, np.zeros_like(large), counts).value == pytest.approx(
+        framed[counts].mean()
+    )
+    dark = np.zeros_like(reference)
+    assert metrics.flip(dark, dark, dark).value == 0
+    assert metrics.flip(reference, dark, dark).value == 1
+
+
 def test_ssim_by_hand():
     pytest.importorskip("skimage", reason="scikit-image is not installed")
     # Two flat images: only the luminance term is left, (2 a b + c) / (a^2 + b^2 + c), c = 1.

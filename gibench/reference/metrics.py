@@ -179,16 +179,21 @@ def flip(
         CannotRun: flip-evaluator is not installed.
     """
     x, y, s = _images(result, reference, stderr)
-    if not y.any():
-        return Measure(0.0 if not x.any() else 1.0, 0.0)
+    area = _all(mask, x)
+    if not y[area].any():
+        return Measure(0.0 if not x[area].any() else 1.0, 0.0)
     return Measure(
-        float(flip_map(x, y)[_all(mask, x)].mean()),
-        float(flip_map(_noisy(y, s, seed), y)[_all(mask, x)].mean()) if s.any() else 0.0,
+        float(flip_map(x, y, area)[area].mean()),
+        float(flip_map(_noisy(y, s, seed), y, area)[area].mean()) if s.any() else 0.0,
     )
 
 
-def flip_map(result: Array, reference: Array) -> Doubles:
+def flip_map(result: Array, reference: Array, mask: Mask) -> Doubles:
     """HDR-FLIP of every pixel (height, width), 0 to 1.
+
+    The range of exposures is that of the reference in ``mask`` (height, width). The package would
+    take it from the median of all pixels: where half of them are black background, that is 0, and
+    it would look at images 2^24 times too bright.
 
     Raises:
         CannotRun: flip-evaluator is not installed.
@@ -200,8 +205,28 @@ def flip_map(result: Array, reference: Array) -> Doubles:
             "FLIP needs the flip-evaluator package", mend='pip install "gibench[truth]"'
         ) from error
     first, second = (np.maximum(a, 0).astype(np.float32) for a in (reference, result))
-    found = flip_evaluator.evaluate(first, second, "HDR", inputsRGB=False, applyMagma=False)
+    start, stop = _flip_exposures(luminance(first[mask]))
+    found = flip_evaluator.evaluate(
+        *(first, second, "HDR"),
+        inputsRGB=False,
+        applyMagma=False,
+        parameters={"startExposure": start, "stopExposure": stop},
+    )
     return np.asarray(found[0], np.float64).reshape(first.shape[:2])
+
+
+def _flip_exposures(bright: Array) -> tuple[float, float]:
+    """The exposures, as powers of two, that bring the brightest and the median of the luminances
+    ``bright`` (n,) to the largest value that ACES maps below 0.85; what is black does not count
+    (Andersson et al. 2021, section 4.1).
+    """
+    lit = bright[bright > 0]
+    brightest, median = float(lit.max()), float(np.median(lit))
+    # Narkowicz 2015, "ACES Filmic Tone Mapping Curve", (a x^2 + b x) / (c x^2 + d x + e) at 0.6 of
+    # the exposure, as the package has it.
+    a, b, c, d, e = 0.36 * 2.51, 0.6 * 0.03, 0.36 * 2.43, 0.6 * 0.59, 0.14
+    most = max(float(root) for root in np.roots((a - 0.85 * c, b - 0.85 * d, -0.85 * e)).real)
+    return float(np.log2(most / brightest)), float(np.log2(most / median))
 
 
 def ssim(

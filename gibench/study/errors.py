@@ -60,7 +60,7 @@ class Truth:
         """
         draw = np.random.default_rng(1).normal(size=self.seen.shape)
         noisy = np.maximum(self.seen + self.seen_stderr * draw, 0.0)
-        return metrics.flip_map(noisy, self.seen)
+        return metrics.flip_map(noisy, self.seen, self.view.seen)
 
     @property
     def relative_error(self) -> float:
@@ -139,9 +139,9 @@ def _flip_maps(truth: Truth, image: Doubles) -> tuple[Doubles, Doubles] | None:
 
     None where the package is missing or the reference is black.
     """
-    if not truth.seen.any():
+    if not truth.seen[truth.view.seen].any():
         return None
     try:
-        return metrics.flip_map(image, truth.seen), truth.flip_of_noise
+        return metrics.flip_map(image, truth.seen, truth.view.seen), truth.flip_of_noise
     except CannotRun:
         return None

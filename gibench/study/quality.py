@@ -54,7 +54,7 @@ class QualityOptions:
         reference: ``receivers.npz`` whose reference is taken instead of path tracing.
         reference_seed: of the path tracer.
         reference_paths: per receiver at most; None for as many as the target error takes.
-        flip: whether FLIP is wanted, which takes a minute an image.
+        flip: whether FLIP is wanted, which takes longer than all other metrics together.
     """
 
     loop: LoopOptions
