@@ -47,8 +47,13 @@ from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpe
 from gibench.techniques.technique import Technique
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
-RECEIVERS, WIDTH, HEIGHT = 90, 18, 17
-FRAMES = 3  # surfels placed in the first are known in the second and live from the third on
+RECEIVERS = 90
+# Frames, image width and height, pixels: two tiles of pixels a side, the last not full.
+SHAPES = {
+    # Tiles of 16; surfels placed in the first frame are known in the second and live in the third.
+    "gibs": (3, 18, 17),
+}
+SHAPE_OF_OTHERS = (2, 11, 9)  # tiles of 8; the second frame meets what the first left
 SMALL = {
     "sh_order": 2,
     "probes": 3,
@@ -134,7 +139,7 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
 
 
 def created(
-    case: Case, cache: Path, width: int = WIDTH, height: int = HEIGHT
+    case: Case, cache: Path, width: int, height: int
 ) -> tuple[Technique, list[PreparedPass]]:
     """A technique and its passes, ready for frames; in ``moving`` a box and a wall turn."""
     spec, context, data = baked(case, cache)
@@ -156,19 +161,22 @@ def created(
 
 def frames(case: Case, cache: Path) -> None:
     """Create a technique, run some frames of it, draw its images and read its receivers."""
-    made, prepared = created(case, cache)
-    for frame in range(FRAMES):
-        enqueue_frame(made, prepared, frame)
-    made.images()
-    made.indirect_irradiance()
+    ran(case, cache).indirect_irradiance()
 
 
 def moving(case: Case, cache: Path) -> None:
     """Run frames of a technique on a scene that moves."""
-    made, prepared = created(case, cache)
-    for frame in range(FRAMES):
+    ran(case, cache)
+
+
+def ran(case: Case, cache: Path) -> Technique:
+    """A technique after its frames and images."""
+    count, width, height = SHAPES.get(case.technique, SHAPE_OF_OTHERS)
+    made, prepared = created(case, cache, width, height)
+    for frame in range(count):
         enqueue_frame(made, prepared, frame)
     made.images()
+    return made
 
 
 def roofs(case: Case, cache: Path) -> None:
@@ -231,11 +239,11 @@ def suit_simulator(width: int) -> None:
 
 def main(cache: Path, cases: list[Case]) -> None:
     """Run ``cases`` and print the kernels."""
-    ran = record_kernels()
+    recorded = record_kernels()
     for case in cases:
         suit_simulator(case.width)
         globals()[case.what](case, cache)
-    print(*sorted(ran), sep="\n")
+    print(*sorted(recorded), sep="\n")
 
 
 if __name__ == "__main__":
