@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from oclgrind_runner import SCRIPTS, needs_oclgrind
+from oclgrind_runner import ONE_THREAD, SCRIPTS, needs_oclgrind
 
 from gibench.techniques.registry import techniques
 
@@ -312,7 +312,7 @@ def counts(cache: Path, case: Case) -> tuple[dict[str, dict[str, float]], dict[s
     shape = SHAPES.get(case.technique, SHAPE_OF_OTHERS)[:3]
     ran = subprocess.run(
         [
-            *("oclgrind", "--inst-counts", sys.executable),
+            *(*ONE_THREAD, "--inst-counts", sys.executable),
             *(str(SCRIPTS / "counts_under_oclgrind.py"), str(cache)),
             *(*(str(n) for n in shape), json.dumps(asdict(case))),
         ],
