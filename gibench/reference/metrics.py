@@ -193,7 +193,7 @@ def flip_map(result: Array, reference: Array, mask: Mask) -> Doubles:
 
     The range of exposures is that of the reference in ``mask`` (height, width). The package would
     take it from the median of all pixels: where half of them are black background, that is 0, and
-    it would look at images 2^24 times too bright.
+    it looks at two dozen exposures, up to 2^24, in most of which everything is white.
 
     Raises:
         CannotRun: flip-evaluator is not installed.
