@@ -12,10 +12,10 @@ from gibench.cli.main import call
 from gibench.errors import BadInput
 from gibench.measure.configuration import Request, grid
 from gibench.profiles import load_profile
-from gibench.report.quality import error_text
+from gibench.report.quality import error_text, open_text
 from gibench.scene.load import load_scene
 from gibench.scene.model import Camera, DirectionalLight, PointLight, Region, Scene
-from gibench.study.errors import Truth, errors
+from gibench.study.errors import Truth, errors, errors_among
 from gibench.study.frozen import frozen
 from gibench.study.quality import COLUMNS, result_names
 from gibench.study.receivers_file import read_reference, write_receivers
@@ -263,6 +263,8 @@ def test_quality_leaves_what_it_promises(run):
     assert abs(srp["bias"]) < 0.3 and srp["rel_l2"] < 0.6
     assert (table.loc[table["region"] == "whole", "uncovered"] == 0).all()
     assert direct["bias_covered"] == direct["bias"]
+    assert (table.loc[table["region"] == "whole", "hidden"] == 0).all()
+    assert direct["bias_open"] == direct["bias"] and direct["rel_l2_open"] == direct["rel_l2"]
     assert (table["time_ms"] > 0).all() and (table["memory_bytes"] > 0).all()
     with np.load(out / "receivers.npz") as held:
         n = len(held["position"])
@@ -351,3 +353,22 @@ def test_wrong_input_is_told_in_one_line(run, tmp_path, capsys, wrong, what):
     told = capsys.readouterr().err
     assert code == 2 and told.count("\n") == 1 and what in told
     assert not (tmp_path / "o").exists()
+
+
+def test_hidden_receivers_are_told_apart_in_words_and_figures(wall):
+    """What is wrong in hidden receivers alone is no error of the others, and said to be so."""
+    value = np.ones((256, 3))
+    hidden = np.zeros(256, bool)
+    hidden[:64] = True
+    result = np.where(hidden[:, None], 3.0, value)
+    truth = truth_of(wall, value, 1e-6)
+    assert errors(truth, result, {})["whole"]["bias"].value == pytest.approx(0.5)
+    others = errors_among(truth, result, ~hidden)
+    assert others["bias"].is_none and others["rel_l2"].is_none
+    assert np.isnan(errors_among(truth, result, np.zeros(256, bool))["bias"].value)
+    row = {"hidden": 64, "receivers": 256, "rel_l2_open": 0.25, "rel_l2_open_noise": 0.01}
+    row |= {"bias_open": 0.001, "bias_open_noise": 0.01}
+    said = open_text(row)
+    assert said.startswith("64 of 256 receivers lie in part inside of geometry")
+    assert said.endswith("over the others: bias none, rel. L2 25.00 %")
+    assert open_text({**row, "hidden": 0}) == ""

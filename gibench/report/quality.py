@@ -19,7 +19,7 @@ _TITLES = {
     "flip": "FLIP",
     "ssim": "SSIM",
 }
-_AS_PERCENT = ("bias", "rel_l2", "bias_covered")
+_AS_PERCENT = ("bias", "rel_l2", "bias_covered", "bias_open", "rel_l2_open")
 NOT_THEIRS = (
     "Times are of the machine they were measured on, under the limits of the profile; none is a "
     "time of the modelled device."
@@ -38,6 +38,7 @@ def quality_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> 
         "frames",
         "memory_budget_bytes",
         "uncovered",
+        "hidden",
     ):
         table[name] = table[name].astype("Int64")
     return table
@@ -61,6 +62,17 @@ def cover_text(row: Mapping[str, Any] | pd.Series) -> str:
     count = f"{row['uncovered']:,} of {row['receivers']:,} receivers uncovered and counted as black"
     bias = error_text(row, "bias_covered")
     return f"{count}; bias over the others: {bias}" if bias else count
+
+
+def open_text(row: Mapping[str, Any] | pd.Series) -> str:
+    """The errors without receivers that lie in part inside of geometry; empty where none do."""
+    if pd.isna(row["hidden"]) or not row["hidden"]:
+        return ""
+    return (
+        f"{row['hidden']:,} of {row['receivers']:,} receivers lie in part inside of geometry or "
+        f"see backs; over the others: bias {error_text(row, 'bias_open')}, rel. L2 "
+        f"{error_text(row, 'rel_l2_open')}"
+    )
 
 
 def quality_report(table: pd.DataFrame, machine: str) -> str:
@@ -123,7 +135,8 @@ _MEANING = (
 
 
 def _note(row: pd.Series) -> str:
-    return "; ".join(part for part in (str(row["reason"] or ""), cover_text(row)) if part)
+    said = (str(row["reason"] or ""), cover_text(row), open_text(row))
+    return "; ".join(part for part in said if part)
 
 
 def _cells(row: pd.Series) -> list[str]:

@@ -97,13 +97,12 @@ def errors(
     return found
 
 
-def bias_of_covered(truth: Truth, result: Doubles, covered: Mask) -> Measure:
-    """The bias over the ``covered`` receivers (n,) alone, weighted by area."""
-    if not covered.any():
-        return _UNKNOWN
-    return metrics.bias(
-        result[covered], truth.value[covered], truth.stderr[covered], truth.area[covered]
-    )
+def errors_among(truth: Truth, result: Doubles, chosen: Mask) -> dict[str, Measure]:
+    """Bias and relative errors over the ``chosen`` receivers (n,) alone, weighted by area."""
+    if not chosen.any():
+        return dict.fromkeys(("bias", "rel_l2", "rel_mse"), _UNKNOWN)
+    value, stderr, area = truth.value[chosen], truth.stderr[chosen], truth.area[chosen]
+    return _relative(result[chosen], value, stderr, area)
 
 
 def _relative(x: Doubles, y: Doubles, s: Doubles, weights: Any = None) -> dict[str, Measure]:

@@ -20,8 +20,9 @@ from gibench.reference.metrics import Measure
 from gibench.reference.path_tracer import check_paths, reference_irradiance
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
-from gibench.study.errors import METRICS, Truth, bias_of_covered, errors
+from gibench.study.errors import METRICS, Truth, errors, errors_among
 from gibench.study.frozen import FrozenShared
+from gibench.study.hidden import open_receivers
 from gibench.study.receivers_file import read_reference
 from gibench.study.regions import WHOLE, Mask, read_regions
 from gibench.study.settle import Settled, SettleOptions, refuse_motion, settle
@@ -38,6 +39,7 @@ COLUMNS = (
     *("receivers", "camera", "light_frame", "bounces", "reference_paths", "reference_error"),
     *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
     *("uncovered", "bias_covered", "bias_covered_noise"),
+    *("hidden", "bias_open", "bias_open_noise", "rel_l2_open", "rel_l2_open_noise"),
 )
 
 
@@ -78,6 +80,7 @@ class Group:
         lightmap: the receivers.
         truth: the reference.
         regions: masks by name.
+        open: (n,) receivers that are wholly outside of geometry (:mod:`gibench.study.hidden`).
         about: what the reference is of.
         results: (n, 3) irradiance by name.
     """
@@ -87,6 +90,7 @@ class Group:
     lightmap: Lightmap = field(repr=False)
     truth: Truth = field(repr=False)
     regions: dict[str, Mask] = field(repr=False)
+    open: Mask = field(repr=False)
     about: dict[str, Any]
     results: dict[str, Doubles] = field(default_factory=dict, repr=False)
 
@@ -241,7 +245,8 @@ def group_of(configuration: Configuration, options: QualityOptions, shared: Froz
     truth = Truth.of(value, stderr, lightmap.receivers.area, seen)
     masks = read_regions(scene, camera, options.regions, loop.width, loop.height)
     about |= {"paths": paths, "camera": camera.name}
-    return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, about)
+    seen_whole = open_receivers(scene, lightmap)
+    return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, seen_whole, about)
 
 
 def rows_of(
@@ -264,7 +269,7 @@ def rows_of(
     rows = [
         {**common, "region": region, **_figures(measures)} for region, measures in found.items()
     ]
-    rows[0] |= _cover(settled, group)
+    rows[0] |= _cover(settled, group) | _among_open(settled, group)
     return rows
 
 
@@ -318,11 +323,22 @@ def _figures(measures: dict[str, Measure]) -> dict[str, float]:
 
 def _cover(settled: Settled, group: Group) -> dict[str, float]:
     """How many receivers the technique says nothing of, and the bias over the others."""
-    measure = bias_of_covered(group.truth, settled.irradiance, settled.covered)
+    measure = errors_among(group.truth, settled.irradiance, settled.covered)["bias"]
     return {
         "uncovered": int((~settled.covered).sum()),
         "bias_covered": measure.value,
         "bias_covered_noise": measure.noise,
+    }
+
+
+def _among_open(settled: Settled, group: Group) -> dict[str, float]:
+    """How many receivers lie in part inside of geometry, and the errors over the others."""
+    found = errors_among(group.truth, settled.irradiance, group.open)
+    named = {f"{name}_open": found[name] for name in ("bias", "rel_l2")}
+    return {
+        "hidden": int((~group.open).sum()),
+        **{name: measure.value for name, measure in named.items()},
+        **{f"{name}_noise": measure.noise for name, measure in named.items()},
     }
 
 
