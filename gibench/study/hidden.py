@@ -6,6 +6,7 @@ import numpy as np
 
 from gibench.bake.sampling import surface_points
 from gibench.bake.transport import surface_offset
+from gibench.progress import progress
 from gibench.rays.embree import EmbreeTracer
 from gibench.reference.lights import Doubles
 from gibench.scene.lightmap import Fragments, Lightmap
@@ -36,17 +37,19 @@ def open_receivers(scene: Scene, lightmap: Lightmap, seed: int = 0) -> Mask:
     edges = scene.corners[:, 1:].astype(np.float64) - scene.corners[:, :1]
     facing = np.cross(edges[:, 0], edges[:, 1])
     found = np.ones(len(lightmap.receivers), bool)
-    for begin in range(0, len(found), _CHUNK):
-        part = slice(begin, min(begin + _CHUNK, len(found)))
-        origins, _ = surface_points(_fragments_of(lightmap.fragments, part), RAYS, rng)
-        normals = lightmap.receivers.normal[part].astype(np.float64)
-        directions = _cosine_weighted(normals, rng)
-        starts = origins + np.float32(offset) * normals[:, None].astype(np.float32)
-        rays = directions.reshape(-1, 3).astype(np.float32)
-        hit = tracer.closest(starts.reshape(-1, 3), rays).triangle
-        struck = np.maximum(hit, 0)
-        backs = (hit >= 0) & (np.einsum("rx,rx->r", facing[struck], rays) > 0)
-        found[part] = ~backs.reshape(-1, RAYS).any(axis=1)
+    with progress("looking for receivers inside of geometry", len(found)) as advance:
+        for begin in range(0, len(found), _CHUNK):
+            part = slice(begin, min(begin + _CHUNK, len(found)))
+            origins, _ = surface_points(_fragments_of(lightmap.fragments, part), RAYS, rng)
+            normals = lightmap.receivers.normal[part].astype(np.float64)
+            directions = _cosine_weighted(normals, rng)
+            starts = origins + np.float32(offset) * normals[:, None].astype(np.float32)
+            rays = directions.reshape(-1, 3).astype(np.float32)
+            hit = tracer.closest(starts.reshape(-1, 3), rays).triangle
+            struck = np.maximum(hit, 0)
+            backs = (hit >= 0) & (np.einsum("rx,rx->r", facing[struck], rays) > 0)
+            found[part] = ~backs.reshape(-1, RAYS).any(axis=1)
+            advance(part.stop - part.start)
     return found
 
 

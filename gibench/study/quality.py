@@ -245,8 +245,8 @@ def group_of(configuration: Configuration, options: QualityOptions, shared: Froz
     truth = Truth.of(value, stderr, lightmap.receivers.area, seen)
     masks = read_regions(scene, camera, options.regions, loop.width, loop.height)
     about |= {"paths": paths, "camera": camera.name}
-    seen_whole = open_receivers(scene, lightmap)
-    return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, seen_whole, about)
+    outside = open_receivers(scene, lightmap)
+    return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, outside, about)
 
 
 def rows_of(
