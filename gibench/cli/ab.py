@@ -12,7 +12,7 @@ from gibench.cli import comparing, options
 from gibench.errors import BadInput, CheckFailed, GibenchError
 
 if TYPE_CHECKING:
-    from gibench.measure.ab import AbResult
+    from gibench.measure.compare.ab import AbResult
     from gibench.report.comparison import Row
 
 
@@ -90,11 +90,11 @@ def ab(
     import tempfile
 
     from gibench.device.device import list_devices
-    from gibench.measure.ab import AbOptions, bake_once, check
-    from gibench.measure.kernel_trees import kernel_tree
-    from gibench.measure.lockstep import SideFailed
-    from gibench.measure.paired import alarmed
-    from gibench.measure.replicate import ReplicateSpec
+    from gibench.measure.compare.ab import AbOptions, bake_once, check
+    from gibench.measure.compare.kernel_trees import kernel_tree
+    from gibench.measure.compare.lockstep import SideFailed
+    from gibench.measure.compare.paired import alarmed
+    from gibench.measure.compare.replicate import ReplicateSpec
     from gibench.progress import progress
     from gibench.report import comparison
 
@@ -171,7 +171,7 @@ def _rows(result: AbResult) -> list[Row]:
 
 
 def _remarks(result: AbResult, limit: float) -> list[str]:
-    from gibench.measure.paired import undecided
+    from gibench.measure.compare.paired import undecided
 
     pairs = max(len(values) for values in result.log_ratios.values())
     remarks = [

@@ -66,11 +66,11 @@ def advise(
       gibench advise --device-profile iphone7 --budget-ms 33.3 --scene sponza.obj
     """
     from gibench.device.device import select_cl_device
-    from gibench.measure.configuration import check_settings_names
-    from gibench.measure.environment import cpu_name
-    from gibench.measure.record import study_record
-    from gibench.measure.run_folder import RunFolder, default_folder
-    from gibench.measure.setup import LoopOptions
+    from gibench.measure.machine.environment import cpu_name
+    from gibench.measure.plan.configuration import check_settings_names
+    from gibench.measure.runfolder.folder import RunFolder, default_folder
+    from gibench.measure.runfolder.record import study_record
+    from gibench.measure.session.setup import LoopOptions
     from gibench.report.advice import advice_report, plot_advice, show_advice
     from gibench.report.tables import csv_text
     from gibench.study.advise import RECEIVER_SHARES, advice, check_fit, sweep

@@ -30,8 +30,12 @@ def bake(
     """
     import time
 
-    from gibench.measure.configuration import check_options, check_settings_names, settings_grid
-    from gibench.measure.shared import Shared
+    from gibench.measure.plan.configuration import (
+        check_options,
+        check_settings_names,
+        settings_grid,
+    )
+    from gibench.measure.session.shared import Shared
 
     specs = options.find_techniques(technique)
     asked = options.request(scene, ["tuned"], sh_order, probes, receivers, None, settings)

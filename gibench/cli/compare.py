@@ -11,7 +11,7 @@ from gibench.cli import comparing, options
 from gibench.errors import BadInput, CheckFailed
 
 if TYPE_CHECKING:
-    from gibench.measure.compare import Comparison, Timings
+    from gibench.measure.compare.runs import Comparison, Timings
 
 
 def compare(
@@ -39,9 +39,9 @@ def compare(
 
       gibench compare main.json pull-request.json --markdown comment.md
     """
-    from gibench.measure.compare import compare as compare_timings
-    from gibench.measure.compare import differences
-    from gibench.measure.timings import read_timings
+    from gibench.measure.compare.runs import compare as compare_timings
+    from gibench.measure.compare.runs import differences
+    from gibench.measure.compare.timings import read_timings
     from gibench.report import comparison
 
     limit = comparing.percentage(threshold)
@@ -101,7 +101,7 @@ def _missing(first: Timings, second: Timings) -> list[str]:
 
 
 def _remarks(compared: list[Comparison], limit: float) -> list[str]:
-    from gibench.measure.compare import DRAWS, PROCESS_SPREAD
+    from gibench.measure.compare.runs import DRAWS, PROCESS_SPREAD
 
     if not compared:
         return []

@@ -56,7 +56,7 @@ def write_comparison(
     """
     import json
 
-    from gibench.measure.run_folder import write_atomically
+    from gibench.measure.runfolder.folder import write_atomically
 
     whole = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     for path, written in ((markdown, text), (json_file, whole)):

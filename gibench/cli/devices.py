@@ -9,7 +9,7 @@ def devices() -> None:
     from rich.table import Table
 
     from gibench.device import list_devices
-    from gibench.measure.environment import device_record
+    from gibench.measure.machine.environment import device_record
     from gibench.report.terminal import console
 
     table = Table("number", "device", "platform", "driver")

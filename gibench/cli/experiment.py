@@ -103,8 +103,8 @@ def experiment(
     chosen = find_experiment(name)
 
     from gibench.device.device import select_cl_device
-    from gibench.measure.record import study_record
-    from gibench.measure.run_folder import RunFolder
+    from gibench.measure.runfolder.folder import RunFolder
+    from gibench.measure.runfolder.record import study_record
     from gibench.reference.path_tracer import check_paths
     from gibench.study.experiments.common import Context, run_experiment
     from gibench.study.quality import check_target_error

@@ -13,7 +13,7 @@ from gibench.errors import BadInput
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from gibench.measure.configuration import Request
+    from gibench.measure.plan.configuration import Request
     from gibench.profiles import DeviceProfile
     from gibench.techniques.registry import TechniqueSpec
 
@@ -315,7 +315,7 @@ def request(
     Raises:
         BadInput: a ``--set`` cannot be read.
     """
-    from gibench.measure.configuration import Request
+    from gibench.measure.plan.configuration import Request
 
     return Request(
         scenes=tuple(scenes),

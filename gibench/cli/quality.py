@@ -109,11 +109,11 @@ def quality(
       gibench quality --scene blue-orange-box --region shadow=0.3,0.5,0.4,0.7
     """
     from gibench.device.device import select_cl_device
-    from gibench.measure.configuration import grid
-    from gibench.measure.environment import cpu_name
-    from gibench.measure.record import study_record
-    from gibench.measure.run_folder import RunFolder, default_folder
-    from gibench.measure.setup import LoopOptions
+    from gibench.measure.machine.environment import cpu_name
+    from gibench.measure.plan.configuration import grid
+    from gibench.measure.runfolder.folder import RunFolder, default_folder
+    from gibench.measure.runfolder.record import study_record
+    from gibench.measure.session.setup import LoopOptions
     from gibench.report.quality import quality_report, quality_table, show_quality
     from gibench.report.tables import csv_text
     from gibench.study.frozen import FrozenShared

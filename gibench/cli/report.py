@@ -40,7 +40,7 @@ def report(
 
       gibench report laptop-run desktop-run quality-out --html --out both.html
     """
-    from gibench.measure.run_folder import write_atomically
+    from gibench.measure.runfolder.folder import write_atomically
     from gibench.report.loaded import QUALITY, load_quality, load_run
     from gibench.report.markdown import report as markdown
     from gibench.report.page import page

@@ -11,7 +11,7 @@ from gibench.cli import flight, motion, options
 from gibench.errors import CannotRun, CheckFailed, GibenchError, Interrupted
 
 if TYPE_CHECKING:
-    from gibench.measure.loop import Outcome
+    from gibench.measure.session.loop import Outcome
 
 
 _DEFAULT_TECHNIQUES = ["srp", "direct"]
@@ -118,16 +118,16 @@ def run(
     from dataclasses import replace
 
     from gibench.device.device import select_cl_device
-    from gibench.measure.cold import CacheFlush
-    from gibench.measure.configuration import grid
-    from gibench.measure.interrupts import Interrupts
-    from gibench.measure.loop import run_configurations
-    from gibench.measure.record import begin_record, finish_record
-    from gibench.measure.roofs import measure_roofs
-    from gibench.measure.run_folder import RunFolder, default_folder
-    from gibench.measure.setup import LoopOptions, check_configuration
-    from gibench.measure.shared import Shared
-    from gibench.measure.stopping import Plan
+    from gibench.measure.machine.roofs import measure_roofs
+    from gibench.measure.plan.configuration import grid
+    from gibench.measure.plan.stopping import Plan
+    from gibench.measure.runfolder.folder import RunFolder, default_folder
+    from gibench.measure.runfolder.record import begin_record, finish_record
+    from gibench.measure.session.cold import CacheFlush
+    from gibench.measure.session.interrupts import Interrupts
+    from gibench.measure.session.loop import run_configurations
+    from gibench.measure.session.setup import LoopOptions, check_configuration
+    from gibench.measure.session.shared import Shared
 
     # Everything that can be wrong is found before anything long.
     width, height = options.resolution(resolution)
@@ -189,7 +189,7 @@ def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
     """Write the tables and the report of a run from its stored samples; show them too."""
     import pandas as pd
 
-    from gibench.measure.run_folder import SAMPLES
+    from gibench.measure.runfolder.folder import SAMPLES
     from gibench.report.markdown import report
     from gibench.report.roofline import write_roofline
     from gibench.report.tables import csv_text, frames_table, passes_table
@@ -206,7 +206,7 @@ def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
 
 
 def _image_writer(folder: Path) -> Any:
-    from gibench.measure.results import ConfigurationResult
+    from gibench.measure.runfolder.results import ConfigurationResult
     from gibench.report.images import ImageWriter
 
     writer = ImageWriter(folder / "images")

@@ -13,6 +13,7 @@ import pyopencl as cl
 
 from gibench.device.buffers import Buffer, MemoryLedger, nbytes_of
 from gibench.device.build import Define, build_program, macro_options, vector_width
+from gibench.device.pocl import name_processor
 from gibench.device.source import kernel_source
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.profiles import DeviceProfile
@@ -41,6 +42,8 @@ def list_devices() -> list[Any]:
             "the OpenCL platforms found offer no device",
             mend="install one: pip install 'pyopencl[pocl]' brings PoCL, which runs on any CPU",
         )
+    for device in devices:
+        name_processor(device)
     return devices
 
 

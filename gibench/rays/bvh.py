@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Floats, Ints
 from gibench.errors import BadInput
 from gibench.progress import progress
 from gibench.rays.bvh_sah import BinaryTree, build_binary
 from gibench.rays.bvh_wide import WIDTH, WideTree, blocks_of, collapse
-from gibench.scene.model import Floats, Ints
 
 NODE_FLOATS = 7 * WIDTH
 """Lower x, upper x, lower y, ..., upper z of the children, then the children (int32)."""

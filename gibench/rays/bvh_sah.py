@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from gibench.scene.model import Floats, Ints
+from gibench.arrays import Doubles, Floats, Ints
 
-Doubles = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # A split that does not lower the cost by this share is one of many equals (boxes on top of each

@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Floats, Ints
 from gibench.rays.bvh_sah import BinaryTree
-from gibench.scene.model import Floats, Ints
 
 WIDTH = 8
 """Children of a node and triangles of a leaf block: the kernel's float8."""

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
+from gibench.arrays import Floats
 from gibench.device import Buffer, Device
 from gibench.errors import CannotRun
 from gibench.rays.bvh import Bvh
 from gibench.rays.embree import rays_of
 from gibench.rays.tracer import Hits
-from gibench.scene.model import Floats
 
 _CHUNK_RAYS = 262144
 # Rays of a packet: a vector of the device, at least this many (kernels_cl/common/bvh_packet.cl).

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 
+from gibench.arrays import Floats
 from gibench.rays.tracer import NO_HIT, Hits
-from gibench.scene.model import Floats
 
 # Small enough to balance two threads, large enough that Python's share of a chunk is lost in it.
 _CHUNK_RAYS = 65536

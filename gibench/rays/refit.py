@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Ints
 from gibench.rays.bvh import Bvh
 from gibench.rays.bvh_wide import WIDTH
-from gibench.scene.model import Ints
 
 
 @dataclass(frozen=True)

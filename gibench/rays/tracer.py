@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from gibench.scene.model import Floats, Ints
+from gibench.arrays import Floats, Ints
 
 NO_HIT = -1
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from gibench.arrays import Doubles
 from gibench.errors import BadInput
-from gibench.reference.lights import Doubles
 from gibench.scene.model import Camera
 
 

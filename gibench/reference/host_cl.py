@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from gibench.device import build_program, kernel_source, vector_width
+from gibench.device import build_program, kernel_source, list_devices, vector_width
 from gibench.errors import CannotRun
 
 GROUP = 256
@@ -80,14 +80,14 @@ def host_program(group: int = GROUP) -> HostProgram:
 
 
 def _cpu() -> Any:
-    try:
-        platforms = cl.get_platforms()
-    except cl.LogicError:
-        platforms = []
-    for platform in platforms:
-        for device in platform.get_devices():
-            if device.type & cl.device_type.CPU and device.host_unified_memory:
-                return device
+    """The first CPU among the devices.
+
+    Raises:
+        CannotRun: no OpenCL runtime for the CPU is installed.
+    """
+    for device in list_devices():
+        if device.type & cl.device_type.CPU and device.host_unified_memory:
+            return device
     raise CannotRun(
         "the reference needs an OpenCL runtime for the CPU and found none",
         mend='install PoCL: pip install "pyopencl[pocl]"',

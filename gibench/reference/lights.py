@@ -15,9 +15,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.scene.model import DirectionalLight, Floats, Ints, Light, PointLight, Scene
-
-Doubles = npt.NDArray[np.float64]
+from gibench.arrays import Doubles, Floats, Ints
+from gibench.scene.model import (
+    DirectionalLight,
+    Light,
+    PointLight,
+    Scene,
+)
 
 # Rec. 709 luminance of linear RGB (ITU-R BT.709-6, item 3.2).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

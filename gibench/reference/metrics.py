@@ -16,8 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Doubles
 from gibench.errors import BadInput, CannotRun
-from gibench.reference.lights import LUMINANCE, Doubles, luminance
+from gibench.reference.lights import (
+    LUMINANCE,
+    luminance,
+)
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]

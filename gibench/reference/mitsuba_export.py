@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from gibench.arrays import Floats
 from gibench.errors import BadInput
 from gibench.reference.camera import image_plane
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
     Environment,
-    Floats,
     Light,
     Material,
     PointLight,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gibench.arrays import Floats, Ints
 from gibench.errors import BadInput
 from gibench.reference.lights import (
     EmitterTable,
@@ -15,7 +16,7 @@ from gibench.reference.lights import (
     environment_table,
 )
 from gibench.scene.lightmap import Fragments
-from gibench.scene.model import Floats, Ints, Scene
+from gibench.scene.model import Scene
 
 # Floats per record, as kernels_cl/reference/surface.cl has them.
 _TRIANGLE = 28

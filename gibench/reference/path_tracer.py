@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
+from gibench.arrays import Doubles
 from gibench.errors import BadInput
 from gibench.progress import progress as progress_bar
 from gibench.rays.embree import EmbreeTracer
 from gibench.reference import store
 from gibench.reference.camera import image_plane
-from gibench.reference.lights import Doubles
 from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.lightmap import Lightmap

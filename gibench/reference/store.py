@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gibench.reference.lights import Doubles
+from gibench.arrays import Doubles
 from gibench.reference.wavefront import Work
 
 Key = Mapping[str, str | int | None]

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Doubles
 from gibench.rays.tracer import RayTracer
 from gibench.reference.host_cl import HostProgram, Shared, host_program
-from gibench.reference.lights import Doubles
 from gibench.reference.packed import PackedFragments, PackedScene
 
 # Paths and shadow rays of one wave: enough that the short queues at a wave's end cost little,

@@ -10,7 +10,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from gibench.measure.paired import Judged
+from gibench.measure.compare.paired import Judged
 from gibench.report.terminal import console, number
 
 _STYLE = {"faster": "green", "slower": "bold red", "ambiguous": "yellow", "same": "dim"}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.measure.run_folder import write_atomically
+from gibench.measure.runfolder.folder import write_atomically
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Rec. 709 luminance weights of linear RGB."""

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.errors import BadInput
-from gibench.measure.run_record import read_run
+from gibench.measure.runfolder.stored_run import read_run
 from gibench.report.tables import frames_table, passes_table
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from gibench.measure.statistics import REAL_TIME_MS, moved
+from gibench.measure.statistics.summary import REAL_TIME_MS, moved
 from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gibench.measure.timings import configuration_label
+from gibench.measure.compare.timings import configuration_label
 from gibench.report.loaded import LoadedQuality, LoadedRun
 from gibench.report.markdown import report as markdown_report
 from gibench.report.plots import technique_colors

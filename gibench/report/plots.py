@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.measure.run_folder import write_atomically
+from gibench.measure.runfolder.folder import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from gibench.measure.diagnostics import health
-from gibench.measure.run_folder import KEYS
-from gibench.measure.statistics import (
+from gibench.measure.plan.stopping import median_interval
+from gibench.measure.runfolder.folder import KEYS
+from gibench.measure.statistics.diagnostics import health
+from gibench.measure.statistics.summary import (
     NAN,
     REAL_TIME_MS,
     Roofs,
@@ -21,7 +22,6 @@ from gibench.measure.statistics import (
     per_second,
     summarize,
 )
-from gibench.measure.stopping import median_interval
 from gibench.techniques.technique import Work
 
 PASS_COLUMNS = (

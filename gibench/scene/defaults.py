@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.scene.clean import CleanMesh
 from gibench.scene.model import DirectionalLight, Environment, Material, Scene
-from gibench.scene.parts import Array, Content, unit
+from gibench.scene.readers.clean import CleanMesh
+from gibench.scene.readers.content import Array, Content, unit
 from gibench.scene.viewpoint import suggested_camera
 
 # A high sun that swings, so that every frame differs, five times as strong on a horizontal surface

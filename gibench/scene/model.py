@@ -16,11 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.scene.motion import Motion
-
-Floats = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int32]
-Vec3 = tuple[float, float, float]
+from gibench.arrays import Floats, Ints, Vec3
+from gibench.scene.motion.poses import Motion
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
 

@@ -9,8 +9,8 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Vec3
 from gibench.errors import BadInput
-from gibench.scene.model import Vec3
 
 
 class Table:

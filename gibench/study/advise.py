@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.errors import CannotRun
-from gibench.measure.configuration import Configuration, Request, grid
+from gibench.measure.plan.configuration import Configuration, Request, grid
 from gibench.profiles import DeviceProfile
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Doubles
 from gibench.errors import CannotRun
 from gibench.reference import metrics
-from gibench.reference.lights import Doubles
 from gibench.reference.metrics import Measure
 from gibench.study.regions import WHOLE
 from gibench.study.through_camera import Mask, View

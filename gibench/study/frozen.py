@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-from gibench.measure.shared import Shared
+from gibench.measure.session.shared import Shared
 from gibench.scene.model import DirectionalLight, Light, PointLight, Scene
 
 

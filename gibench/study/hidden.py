@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibench.bake.sampling import surface_points
-from gibench.bake.transport import surface_offset
+from gibench.arrays import Doubles
 from gibench.progress import progress
 from gibench.rays.embree import EmbreeTracer
-from gibench.reference.lights import Doubles
 from gibench.scene.lightmap import Fragments, Lightmap
 from gibench.scene.model import Scene
 from gibench.study.through_camera import Mask
+from gibench.techniques.srp.bake.sampling import surface_points
+from gibench.techniques.srp.bake.transport import surface_offset
 
 RAYS = 64
 """Per receiver; of those that see backs with a twentieth of their rays, 96 % are found."""

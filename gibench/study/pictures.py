@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.measure.run_folder import write_atomically
-from gibench.reference.lights import Doubles, luminance
+from gibench.arrays import Doubles
+from gibench.measure.runfolder.folder import write_atomically
+from gibench.reference.lights import luminance
 from gibench.report.images import file_name, png, tone_map
 from gibench.report.plots import Picture, panel
 from gibench.study.errors import Truth

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from gibench.arrays import Doubles
 from gibench.errors import BadInput, CannotRun, GibenchError
-from gibench.measure.configuration import Configuration
-from gibench.measure.environment import without_paths
-from gibench.measure.results import FAILED, OK, SKIPPED
-from gibench.measure.setup import LoopOptions
-from gibench.measure.view import choose_camera
-from gibench.reference.lights import Doubles
+from gibench.measure.machine.environment import without_paths
+from gibench.measure.plan.configuration import Configuration
+from gibench.measure.plan.view import choose_camera
+from gibench.measure.runfolder.results import FAILED, OK, SKIPPED
+from gibench.measure.session.setup import LoopOptions
 from gibench.reference.metrics import Measure
 from gibench.reference.path_tracer import check_paths, reference_irradiance
 from gibench.scene.lightmap import Lightmap

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Doubles
 from gibench.errors import BadInput
-from gibench.measure.run_folder import write_atomically
-from gibench.reference.lights import Doubles
+from gibench.measure.runfolder.folder import write_atomically
 from gibench.scene.lightmap import Lightmap
 
 NAME = "receivers.npz"

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.errors import BadInput, GibenchError
-from gibench.measure.run_folder import write_atomically
+from gibench.measure.runfolder.folder import write_atomically
 
 
 @dataclass

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Doubles
 from gibench.errors import CannotRun, GibenchError
-from gibench.measure.configuration import Configuration
-from gibench.measure.enqueue import PreparedPass, enqueue_frame, prepare_passes
-from gibench.measure.results import SKIPPED, ConfigurationResult
-from gibench.measure.setup import LoopOptions, set_up
-from gibench.measure.shared import Shared
-from gibench.measure.statistics import Summary, summarize
+from gibench.measure.plan.configuration import Configuration
+from gibench.measure.runfolder.results import SKIPPED, ConfigurationResult
+from gibench.measure.session.enqueue import PreparedPass, enqueue_frame, prepare_passes
+from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.session.shared import Shared
+from gibench.measure.statistics.summary import Summary, summarize
 from gibench.progress import progress
-from gibench.reference.lights import Doubles
 from gibench.scene.lightmap import Lightmap
 from gibench.techniques.technique import KnowsItsCover, Technique
 

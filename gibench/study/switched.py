@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
+from gibench.arrays import Vec3
 from gibench.errors import BadInput
-from gibench.scene.model import DirectionalLight, Light, Scene, Vec3
+from gibench.scene.model import (
+    DirectionalLight,
+    Light,
+    Scene,
+)
 from gibench.study.frozen import FrozenShared
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Doubles
 from gibench.rays.embree import EmbreeTracer
 from gibench.reference.camera import image_plane
-from gibench.reference.lights import Doubles
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
 

@@ -9,9 +9,14 @@ from typing import ClassVar
 import numpy as np
 
 from gibench.scene.model import Scene
-from gibench.techniques.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.shared_passes import (
+    SHOW_DIRECT,
+    forward_render,
+    rendered,
+    suits_packets,
+)
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, CreateContext, TechniqueSpec
-from gibench.techniques.shared_passes import SHOW_DIRECT, forward_render, rendered, suits_packets
 from gibench.techniques.technique import FloatArray, Pass
 
 

@@ -13,7 +13,7 @@ from gibench.device import Device
 from gibench.errors import BadInput
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
-from gibench.scene.moving_objects import MovingObjects
+from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
 from gibench.techniques.technique import Technique
 

@@ -1,6 +1,6 @@
 // Direct light from point, spot and directional lights, with shadow rays.
 //
-// A light is LIGHT_FLOATS floats, written by gibench.techniques.frame_scene.light_table:
+// A light is LIGHT_FLOATS floats, written by gibench.techniques.parts.frame_scene.light_table:
 //   0      kind: 0 directional, 1 point, 2 spot
 //   1-3    position (point, spot), m
 //   4-6    unit direction the light travels along (directional, spot)

@@ -4,7 +4,7 @@
 // IDs that are free lie on a stack, free_ids[0] to free_ids[counters[COUNT_FREE] - 1]; alive_ids
 // lists the others. Both change by prefix sums over the tiles and the surfels instead of by an
 // atomic per surfel, so that the same seed gives the same IDs.
-#include "common/scan.cl"
+#include "parts/scan.cl"
 #include "gibs/gather.cl"
 #include "gibs/estimator.cl"
 

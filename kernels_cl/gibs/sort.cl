@@ -1,4 +1,4 @@
-// Sorting surfels into the grid: count, (prefix sum: common/scan.cl,) finalise.
+// Sorting surfels into the grid: count, (prefix sum: parts/scan.cl,) finalise.
 // Paper 004, section 4.2. Built with CAPACITY (surfels), ENTRIES (room in the lists), the grid's
 // macros (gibs/grid.cl) and PUBLISHED.
 //

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the tests' helpers
-from gibs_surfels import STRETCH, frame_words, geometry, surfel_grid
+from support.gibs_surfels import STRETCH, frame_words, geometry, surfel_grid
 
 from gibench.device import Device, kernel_source
 from gibench.profiles import load_profile

@@ -14,11 +14,11 @@ from itertools import count
 from pathlib import Path
 
 from gibench.device.device import select_cl_device
-from gibench.measure.configuration import Request, grid
-from gibench.measure.enqueue import enqueue_frame, prepare_passes
-from gibench.measure.results import ConfigurationResult
-from gibench.measure.setup import LoopOptions, set_up
-from gibench.measure.shared import Shared
+from gibench.measure.plan.configuration import Request, grid
+from gibench.measure.runfolder.results import ConfigurationResult
+from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.session.shared import Shared
 from gibench.profiles import load_profile
 from gibench.techniques.registry import techniques
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from gibench.reference.path_tracer import reference_irradiance
-from gibench.scene.atlas import unwrap
+from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.load import load_scene
 
 SCENES = Path(

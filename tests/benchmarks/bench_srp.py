@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyopencl as cl
 import pytest
-from synthetic_bake import random_lightmap, random_scene, random_unit
+from support.synthetic_bake import random_lightmap, random_scene, random_unit
 
-from gibench.bake.srp_data import Cluster, ProbeSet, RelightSamples, SrpBake
 from gibench.device import Device
-from gibench.measure.enqueue import prepare_passes
+from gibench.measure.session.enqueue import prepare_passes
 from gibench.profiles import load_profile
 from gibench.techniques.registry import CreateContext
 from gibench.techniques.srp import SPEC
+from gibench.techniques.srp.bake.data import Cluster, ProbeSet, RelightSamples, SrpBake
 
 RECEIVERS, PROBES, CLUSTERS, REACH, COEFFICIENTS = 246_325, 150, 935, 20, 64
 SIDE = 833  # texels of the lightmap's side

@@ -1,8 +1,8 @@
 """False alarms and found regressions of ``gibench ab``, drawn from a recording of record_ab.py.
 
 Every draw is one check: it takes consecutive pairs of processes of one case from a start in the
-recording, in order, and stops where ``gibench ab`` would (gibench.measure.paired.sequential and the
-100 seconds it allows itself). All starts that leave enough pairs are drawn.
+recording, in order, and stops where ``gibench ab`` would (gibench.measure.compare.paired.sequential
+and the 100 seconds it allows itself). All starts that leave enough pairs are drawn.
 
     python tests/benchmarks/judge_ab.py tests/benchmarks/ab_recording.csv
 """
@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from gibench.measure.ab import AbOptions
-from gibench.measure.lockstep import FRAME
-from gibench.measure.paired import alarmed, judge_rows, looks, undecided
+from gibench.measure.compare.ab import AbOptions
+from gibench.measure.compare.lockstep import FRAME
+from gibench.measure.compare.paired import alarmed, judge_rows, looks, undecided
 
 
 def draw(rows: dict[str, np.ndarray], seconds: np.ndarray, options: AbOptions) -> dict:

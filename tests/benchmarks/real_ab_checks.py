@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from record_ab import CASES, SLOWED, slowed_tree
 
-from gibench.measure.kernel_trees import kernel_tree
+from gibench.measure.compare.kernel_trees import kernel_tree
 
 COLUMNS = (
     *("case", "expected_exit", "exit", "pairs", "seconds", "load_average"),

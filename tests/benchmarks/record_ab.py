@@ -1,7 +1,8 @@
 """Record a kernel revision against itself and against kernels made slower, for judge_ab.py.
 
 For every case one line per pair of fresh processes and row (the frame, a pass) goes to a CSV file,
-timed exactly as ``gibench ab`` does (gibench.measure.lockstep); the cases take turns, pair by pair:
+timed exactly as ``gibench ab`` does (gibench.measure.compare.lockstep); the cases take turns,
+pair by pair:
 
 - ``same``: the revision against itself,
 - ``slower10``, ``slower25``: against copies whose forward render does real extra arithmetic, 10 %
@@ -29,11 +30,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gibench.measure.ab import AbOptions, bake_once, log_ratios
-from gibench.measure.environment import device_record, environment, versions
-from gibench.measure.kernel_trees import kernel_tree
-from gibench.measure.lockstep import time_pair
-from gibench.measure.replicate import ReplicateSpec
+from gibench.measure.compare.ab import AbOptions, bake_once, log_ratios
+from gibench.measure.compare.kernel_trees import kernel_tree
+from gibench.measure.compare.lockstep import time_pair
+from gibench.measure.compare.replicate import ReplicateSpec
+from gibench.measure.machine.environment import device_record, environment, versions
 
 COLUMNS = (
     *("case", "pair", "row", "log_ratio", "old_ms", "new_ms"),

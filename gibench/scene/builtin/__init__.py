@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from gibench.errors import BadInput
 from gibench.scene.builtin import atrium, box_room, hall, two_rooms
-from gibench.scene.builtin.parts import Part
+from gibench.scene.builtin.pieces import Part
 from gibench.scene.builtin.settings import Settings, assemble, read_settings
 from gibench.scene.model import Scene
 

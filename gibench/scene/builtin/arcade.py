@@ -6,7 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle, shifted
+from gibench.arrays import Doubles
+from gibench.scene.builtin.pieces import (
+    Part,
+    circle,
+    flat,
+    rectangle,
+    shifted,
+)
 from gibench.scene.builtin.shapes import curve, fluted_shaft, lathe, swept
 
 # Neighbouring bands keep twice this apart, m, so that no wedge closes between them.

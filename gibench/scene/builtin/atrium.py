@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gibench.arrays import Doubles
 from gibench.scene.builtin.arcade import (
     Arcade,
     Storey,
@@ -20,7 +21,13 @@ from gibench.scene.builtin.arcade import (
     pier,
     plinth_half,
 )
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle, shifted
+from gibench.scene.builtin.pieces import (
+    Part,
+    circle,
+    flat,
+    rectangle,
+    shifted,
+)
 from gibench.scene.builtin.settings import Settings
 from gibench.scene.builtin.shapes import curtain, curve, handrail, lathe, pieces_of, rim
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gibench.scene.builtin.parts import Part, box, flat, footprint, rectangle
+from gibench.scene.builtin.pieces import Part, box, flat, footprint, rectangle
 from gibench.scene.builtin.settings import Settings
 
 

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat, shifted
+from gibench.arrays import Doubles
+from gibench.scene.builtin.pieces import (
+    Part,
+    circle,
+    flat,
+    shifted,
+)
 from gibench.scene.builtin.shapes import curve, lathe, loft, superellipse
 
 

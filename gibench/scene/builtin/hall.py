@@ -11,8 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gibench.arrays import Doubles
 from gibench.scene.builtin.furniture import furniture
-from gibench.scene.builtin.parts import Doubles, Part, circle, flat, rectangle
+from gibench.scene.builtin.pieces import (
+    Part,
+    circle,
+    flat,
+    rectangle,
+)
 from gibench.scene.builtin.settings import Settings
 from gibench.scene.builtin.shapes import handrail, lathe, post
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from gibench.arrays import Doubles, Vec3
 from gibench.errors import BadInput
-from gibench.scene.builtin.parts import Doubles
-from gibench.scene.model import Texture, Vec3
+from gibench.scene.model import Texture
 
 SIZE = 128
 

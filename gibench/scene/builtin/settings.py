@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Vec3
 from gibench.resources import data
-from gibench.scene.builtin.parts import Part
 from gibench.scene.builtin.patterns import pattern
+from gibench.scene.builtin.pieces import Part
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
@@ -22,10 +23,9 @@ from gibench.scene.model import (
     Region,
     Scene,
     Texture,
-    Vec3,
 )
-from gibench.scene.motion import Motion
-from gibench.scene.motion_file import read_motions
+from gibench.scene.motion.file import read_motions
+from gibench.scene.motion.poses import Motion
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from gibench.scene.builtin.parts import Doubles, Part, Point, circle, flat, patch, rectangle
+from gibench.arrays import Doubles
+from gibench.scene.builtin.pieces import (
+    Part,
+    Point,
+    circle,
+    flat,
+    patch,
+    rectangle,
+)
 
 # A profile turns sharply, and gets a crease, where it bends by more than this.
 CREASE_DEGREES = 35.0

@@ -10,14 +10,14 @@ from typing import Any
 import pandas as pd
 
 from gibench.errors import BadInput, CannotRun, GibenchError, Interrupted
-from gibench.measure.configuration import Configuration, Request, grid
-from gibench.measure.enqueue import enqueue_frame, prepare_passes
-from gibench.measure.environment import cpu_name, without_paths
-from gibench.measure.results import FAILED, OK, SKIPPED, ConfigurationResult
-from gibench.measure.run_folder import RunFolder
-from gibench.measure.setup import LoopOptions, set_up
-from gibench.measure.shared import Shared
-from gibench.measure.statistics import summarize
+from gibench.measure.machine.environment import cpu_name, without_paths
+from gibench.measure.plan.configuration import Configuration, Request, grid
+from gibench.measure.runfolder.folder import RunFolder
+from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, ConfigurationResult
+from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.session.shared import Shared
+from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.study.frozen import FrozenShared

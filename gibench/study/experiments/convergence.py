@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gibench.measure.configuration import Configuration
-from gibench.measure.enqueue import enqueue_frame, prepare_passes
-from gibench.measure.results import ConfigurationResult
-from gibench.measure.setup import set_up
-from gibench.measure.shared import Shared
-from gibench.measure.view import choose_camera
+from gibench.arrays import Doubles
+from gibench.measure.plan.configuration import Configuration
+from gibench.measure.plan.view import choose_camera
+from gibench.measure.runfolder.results import ConfigurationResult
+from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.measure.session.setup import set_up
+from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
-from gibench.reference.lights import Doubles, luminance
+from gibench.reference.lights import luminance
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Point, markdown
 from gibench.study.rows import Rows

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.study.experiments.common import Context, Experiment, Point, markdown
-from gibench.study.experiments.compared import (
+from gibench.study.experiments.side_by_side import (
     COLUMNS,
     FORMATS,
     SHOWN,

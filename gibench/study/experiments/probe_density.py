@@ -11,7 +11,7 @@ import pandas as pd
 
 from gibench.report.plots import Axes, Picture, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Point, markdown
-from gibench.study.experiments.compared import (
+from gibench.study.experiments.side_by_side import (
     COLUMNS,
     FORMATS,
     SHOWN,
@@ -21,7 +21,7 @@ from gibench.study.experiments.compared import (
     result_panel,
     truth_of,
 )
-from gibench.study.operator_norm import operator_norm
+from gibench.techniques.srp.bake.operator_norm import operator_norm
 
 _IMAGE = (480, 270)
 _PROBES = (2, 10, 29)  # of figure 10

@@ -9,11 +9,16 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from gibench.measure.configuration import Configuration
-from gibench.measure.enqueue import PreparedPass, enqueue_frame, prepare_pass, prepare_passes
-from gibench.measure.results import ConfigurationResult
-from gibench.measure.setup import set_up
-from gibench.measure.shared import Shared
+from gibench.measure.plan.configuration import Configuration
+from gibench.measure.runfolder.results import ConfigurationResult
+from gibench.measure.session.enqueue import (
+    PreparedPass,
+    enqueue_frame,
+    prepare_pass,
+    prepare_passes,
+)
+from gibench.measure.session.setup import set_up
+from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.report.images import ImageWriter
@@ -31,7 +36,7 @@ from gibench.study.settle import refuse_missing
 from gibench.techniques.camera_path import FLIGHT, FlightOptions
 from gibench.techniques.ddgi import Ddgi
 from gibench.techniques.gibs import Gibs
-from gibench.techniques.shared_passes import forward_render
+from gibench.techniques.parts.shared_passes import forward_render
 from gibench.techniques.technique import Technique
 
 _IMAGE = (1920, 1080)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gibench.measure.view import choose_camera
+from gibench.measure.plan.view import choose_camera
 from gibench.reference import metrics
 from gibench.reference.metrics import Measure
 from gibench.reference.path_tracer import Reference, reference_image
@@ -24,7 +24,7 @@ from gibench.study.experiments.common import (
     published_section,
     timed,
 )
-from gibench.study.experiments.compared import FORMATS, keep, kept
+from gibench.study.experiments.side_by_side import FORMATS, keep, kept
 from gibench.study.frozen import FrozenShared
 from gibench.study.settle import settle
 from gibench.study.through_camera import view

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from gibench.bake.srp_data import sh_count
 from gibench.profiles import DeviceProfile
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import (
@@ -22,6 +21,7 @@ from gibench.study.experiments.common import (
     timed,
 )
 from gibench.study.slope import fit_line
+from gibench.techniques.srp.bake.data import sh_count
 
 _IMAGE = (1334, 750)
 # Section 6.5: one parameter at a time, the others at these.

@@ -11,7 +11,7 @@ import pandas as pd
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.errors import METRICS, Truth, errors
 from gibench.study.experiments.common import Context, Experiment, Point, markdown
-from gibench.study.experiments.compared import (
+from gibench.study.experiments.side_by_side import (
     COLUMNS,
     FORMATS,
     SHOWN,

@@ -8,7 +8,7 @@ from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.technique import Ddgi
 from gibench.techniques.ddgi.volume import Volume, make_volume
-from gibench.techniques.frame_scene import frame_scene_bytes
+from gibench.techniques.parts.frame_scene import frame_scene_bytes
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
 
 __all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]

@@ -10,9 +10,9 @@ import numpy as np
 from gibench.device import Buffer
 from gibench.techniques.ddgi.blending import Blending, distance_share
 from gibench.techniques.ddgi.probes import ACTIVE, STORED, Probes
-from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.launching import prepare_launch
-from gibench.techniques.shared_passes import (
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.shared_passes import (
     SHOW_DIRECT,
     SHOW_INDIRECT,
     TILE_SIDE,

@@ -13,10 +13,10 @@ from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume
-from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.launching import prepare_launch
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, rendered
 from gibench.techniques.registry import TUNED, CreateContext
-from gibench.techniques.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, rendered
 from gibench.techniques.technique import FloatArray, Launch, Pass
 
 # A drawn probe's radius over the least spacing: with the greatest offset (0.45) it still fits its

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Doubles, Floats
 from gibench.errors import BadInput
-from gibench.scene.model import Floats, Scene
+from gibench.scene.model import Scene
 from gibench.techniques.ddgi.settings import Counts, DdgiSettings, Triple
 
 PROBES_PER_SRP_PROBE = 8  # our choice: half of SRP's probe distance along every axis
-
-Doubles = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from gibench.scene.model import Scene
-from gibench.techniques.frame_scene import frame_scene_bytes
 from gibench.techniques.gibs.passes import CameraView
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.gibs.technique import Gibs
+from gibench.techniques.parts.frame_scene import frame_scene_bytes
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
 
 __all__ = ["SPEC", "Gibs", "GibsSettings"]

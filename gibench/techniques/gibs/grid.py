@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.arrays import Floats
 from gibench.device import Buffer, Device
-from gibench.scene.model import Floats
 from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_of
 from gibench.techniques.technique import Launch
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from gibench.device import Buffer, Device, Program
 from gibench.scene.model import Scene
-from gibench.techniques.frame_scene import FrameScene
 from gibench.techniques.gibs.grid import SurfelGrid
 from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.launching import prepare_launch
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.technique import Argument, Launch, LocalMemory, Work
 
 TILE_SIDE = 8  # kernels_cl/common/sampling.cl

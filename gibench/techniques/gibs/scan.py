@@ -1,4 +1,4 @@
-"""Launches of the device prefix sums in kernels_cl/common/scan.cl."""
+"""Launches of the device prefix sums in kernels_cl/parts/scan.cl."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gibench.device import Buffer, Device
 from gibench.errors import CannotRun
 from gibench.techniques.technique import Launch, LocalMemory
 
-SCAN_ITEMS = 16  # kernels_cl/common/scan.cl
+SCAN_ITEMS = 16  # kernels_cl/parts/scan.cl
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class WaveScan:
 
     def launches(self, values: Buffer, prefix: Buffer) -> list[Launch]:
         """Scan ``values`` (n,) uint32 into ``prefix`` (n,) uint32."""
-        program = self.device.program("common/scan.cl", {"WAVE": self.wave})
+        program = self.device.program("parts/scan.cl", {"WAVE": self.wave})
         local = LocalMemory(8 * self.workgroup_size)
         sources = (values, *self.totals[:-1])
         targets = (prefix, *self.totals[:-1])
@@ -145,7 +145,7 @@ class BlockScan:
             prefix: where to; the total stands behind the n prefixes.
             count: n as the host knows it, or a function that tells it before every frame.
         """
-        program = self.device.program("common/scan.cl")
+        program = self.device.program("parts/scan.cl")
         local = LocalMemory(8 * self.workgroup_size)
 
         def groups() -> int:

@@ -13,7 +13,6 @@ import numpy.typing as npt
 from gibench.device import Buffer
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
-from gibench.techniques.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.gibs.grid import (
     NEIGHBOURS,
     Grid,
@@ -34,8 +33,9 @@ from gibench.techniques.gibs.surfels import (
 )
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.launching import prepare_launch
+from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.shared_passes import with_shadow_rays
 from gibench.techniques.registry import PUBLISHED, CreateContext
-from gibench.techniques.shared_passes import with_shadow_rays
 from gibench.techniques.technique import FloatArray, Launch, Pass, Work
 
 

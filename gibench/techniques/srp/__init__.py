@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gibench.bake.srp_data import MAX_SH_ORDER, SrpBake, sh_count
 from gibench.scene.model import Scene
-from gibench.techniques.frame_scene import FrameLightmap, frame_scene_bytes
+from gibench.techniques.parts.frame_scene import FrameLightmap, frame_scene_bytes
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+from gibench.techniques.srp.bake.data import MAX_SH_ORDER, SrpBake, sh_count
 from gibench.techniques.srp.settings import SrpSettings
 from gibench.techniques.srp.technique import Srp
 
@@ -16,8 +16,8 @@ __all__ = ["SPEC", "Srp", "SrpSettings"]
 
 def _bake(context: BakeContext) -> SrpBake:
     """Bake the highest order, whatever order is asked for: one bake then serves them all."""
-    from gibench.bake.lower_order import lower_order
-    from gibench.bake.srp_bake import bake_srp
+    from gibench.techniques.srp.bake.lower_order import lower_order
+    from gibench.techniques.srp.bake.stages import bake_srp
 
     settings: SrpSettings = context.settings
     given = context.scene.probes

@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from gibench.bake.srp_data import SrpBake
+from gibench.arrays import Floats
 from gibench.device import Buffer, Device
-from gibench.scene.model import Floats
-from gibench.techniques.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.parts.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.storage import STORAGE_BYTES
 from gibench.techniques.technique import Pass, Work
 

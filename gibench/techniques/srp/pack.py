@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.bake.srp_data import RelightSamples, SrpBake
-from gibench.scene.model import Floats, Ints
+from gibench.arrays import Floats, Ints
+from gibench.techniques.srp.bake.data import RelightSamples, SrpBake
 from gibench.techniques.srp.storage import StoredCluster, storage_dtype, store_cluster
 
 Stored = npt.NDArray[Any]

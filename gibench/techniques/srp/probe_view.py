@@ -6,10 +6,14 @@ import math
 
 import numpy as np
 
-from gibench.bake.sh import sh_basis
+from gibench.arrays import Floats
 from gibench.rays.embree import EmbreeTracer
-from gibench.scene.model import Camera, Floats, Scene
-from gibench.techniques.frame_scene import camera_table
+from gibench.scene.model import (
+    Camera,
+    Scene,
+)
+from gibench.techniques.parts.frame_scene import camera_table
+from gibench.techniques.srp.bake.sh import sh_basis
 from gibench.techniques.technique import FloatArray
 
 # A sphere's radius over the scene's diagonal: small enough that 150 do not hide the scene.

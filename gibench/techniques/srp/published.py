@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gibench.arrays import Floats
 from gibench.device import Program
 from gibench.errors import CannotRun
-from gibench.scene.model import Floats
-from gibench.techniques.shared_passes import dilate
+from gibench.techniques.parts.shared_passes import dilate
 from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import pack_published, pack_samples
 from gibench.techniques.srp.storage import STORAGE_BYTES, STORAGE_MACRO

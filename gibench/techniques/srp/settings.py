@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from gibench.bake.settings import SrpBakeSettings
-from gibench.bake.srp_data import MAX_SH_ORDER
 from gibench.errors import BadInput
+from gibench.techniques.srp.bake.data import MAX_SH_ORDER
+from gibench.techniques.srp.bake.settings import SrpBakeSettings
 
 STORAGES = ("fp32", "fp16", "snorm16")
 FRACTIONS = (1.0, 0.5, 0.25)

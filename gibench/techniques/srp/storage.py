@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.bake.srp_data import Cluster
-from gibench.scene.model import Floats
+from gibench.arrays import Floats
+from gibench.techniques.srp.bake.data import Cluster
 
 # Value of the macro STORAGE and bytes per value, by name.
 STORAGE_MACRO = {"fp32": 0, "fp16": 1, "snorm16": 2}

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from gibench.bake.srp_data import SrpBake
-from gibench.techniques.frame_scene import FrameLightmap, FrameScene
-from gibench.techniques.registry import TUNED, CreateContext
-from gibench.techniques.shared_passes import (
+from gibench.techniques.parts.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.parts.shared_passes import (
     SHOW_DIRECT,
     SHOW_INDIRECT,
     forward_render,
@@ -16,6 +14,8 @@ from gibench.techniques.shared_passes import (
     rendered,
     suits_packets,
 )
+from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
 from gibench.techniques.srp.probe_view import probe_view
 from gibench.techniques.srp.published import Published, published_bytes

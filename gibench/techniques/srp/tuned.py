@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gibench.bake.srp_data import SrpBake
+from gibench.arrays import Floats
 from gibench.errors import CannotRun
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Floats
-from gibench.techniques.frame_scene import border_texels
-from gibench.techniques.shared_passes import dilate
+from gibench.techniques.parts.frame_scene import border_texels
+from gibench.techniques.parts.shared_passes import dilate
+from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import SrpInput
 from gibench.techniques.srp.pack import (
     ROW_BLOCK,

@@ -1,0 +1,147 @@
+"""One check of a kernel tree against another: pairs of fresh processes until it is decided."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from gibench.errors import CheckFailed
+from gibench.measure.compare.kernel_trees import KernelTree
+from gibench.measure.compare.lockstep import PairTimes, time_pair
+from gibench.measure.compare.paired import Judged, judge_rows, looks, undecided
+from gibench.measure.compare.replicate import ReplicateSpec
+from gibench.measure.session.shared import Shared
+
+
+@dataclass(frozen=True)
+class AbOptions:
+    """How a check is run.
+
+    Attributes:
+        threshold: the least relative change that matters.
+        replicates: pairs of processes, exactly; None lets the rule decide.
+        most: pairs at most when the rule decides.
+        seconds: no further pair is begun after them when the rule decides.
+        frames: measured by every process.
+        warmup: run before them.
+        seed: of the order in which frames take turns.
+    """
+
+    threshold: float = 0.05
+    replicates: int | None = None
+    most: int = 24
+    seconds: float = 100.0
+    frames: int = 24
+    warmup: int = 4
+    seed: int = 0
+
+
+@dataclass
+class AbResult:
+    """What came out.
+
+    Attributes:
+        judged: by row: the frame and every pass.
+        log_ratios: by row, one per pair.
+        old_ms: by row, the median over pairs of a process's median time.
+        new_ms: likewise.
+        output_difference: by output, the relative root mean square difference of what the two
+            trees compute; nan where one of them is not finite.
+        seconds: it took.
+    """
+
+    old: KernelTree
+    new: KernelTree
+    judged: dict[str, Judged]
+    log_ratios: dict[str, list[float]]
+    old_ms: dict[str, float]
+    new_ms: dict[str, float]
+    output_difference: dict[str, float] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def check(
+    spec: ReplicateSpec,
+    old: KernelTree,
+    new: KernelTree,
+    options: AbOptions,
+    advance: Callable[[int], None] = lambda steps: None,
+) -> AbResult:
+    """Time ``new`` against ``old`` on the configuration ``spec``.
+
+    Raises:
+        SideFailed: one tree cannot run.
+    """
+    begin = time.monotonic()
+    rng = np.random.default_rng(options.seed)
+    sides = [replace(spec, kernel_root=str(tree.root)) for tree in (old, new)]
+    most = options.replicates or options.most
+    ends = (most,) if options.replicates else looks(most)
+    pairs: list[PairTimes] = []
+    differences: dict[str, float] = {}
+    judged: dict[str, Judged] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for count in range(1, most + 1):
+            keep = Path(folder) if count == 1 else None
+            pairs.append(
+                time_pair(*sides, frames=options.frames, warmup=options.warmup, rng=rng, keep=keep)
+            )
+            advance(1)
+            if keep is not None:
+                differences = output_differences(keep)
+            late = not options.replicates and time.monotonic() - begin > options.seconds
+            if count in ends or late:
+                judged = judge_rows(log_ratios(pairs), options.threshold)
+                if late or not undecided(judged):
+                    break
+    old_ms, new_ms = (
+        {
+            name: float(np.median([np.median(getattr(pair, side)[name]) for pair in pairs]))
+            for name in judged
+        }
+        for side in ("old", "new")
+    )
+    return AbResult(
+        *(old, new, judged, log_ratios(pairs), old_ms, new_ms, differences),
+        time.monotonic() - begin,
+    )
+
+
+def bake_once(spec: ReplicateSpec) -> None:
+    """Bake what ``spec`` needs into its cache, so that no replicate has to.
+
+    Raises:
+        GibenchError: it cannot be baked, or the settings are wrong.
+    """
+    configuration = spec.configuration()
+    shared = Shared(Path(spec.cache_dir), spec.seed)
+    receivers = configuration.receivers or shared.scene(spec.scene).receivers
+    shared.baked(configuration.spec, configuration.settings, spec.scene, receivers)
+
+
+def log_ratios(pairs: list[PairTimes]) -> dict[str, list[float]]:
+    """The log ratios of every row, one per pair."""
+    each = [pair.log_ratios() for pair in pairs]
+    return {name: [one[name] for one in each] for name in each[0]}
+
+
+def output_differences(folder: Path) -> dict[str, float]:
+    """How much what NEW computed differs from OLD, by output.
+
+    Raises:
+        CheckFailed: NEW computes something that is not finite where OLD does not.
+    """
+    found = {}
+    with np.load(folder / "OLD.npz") as old, np.load(folder / "NEW.npz") as new:
+        for name in old.files:
+            a, b = old[name].astype(np.float64), new[name].astype(np.float64)
+            if np.isfinite(a).all() and not np.isfinite(b).all():
+                raise CheckFailed(f"NEW: its {name} is not finite")
+            scale = float(np.sqrt(np.mean(a**2)))
+            found[name] = float(np.sqrt(np.mean((b - a) ** 2))) / scale if scale else 0.0
+    return found

@@ -1,0 +1,1 @@
+"""The machine that measures: its roofs and its environment."""

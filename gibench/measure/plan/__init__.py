@@ -1,0 +1,1 @@
+"""What is to be measured: configurations, cameras, memory that fits, when to stop."""

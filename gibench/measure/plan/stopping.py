@@ -1,0 +1,111 @@
+"""When a configuration has warmed up and when it has been measured enough. No I/O here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import binom
+
+from gibench.measure.statistics.summary import NAN
+
+WARMUP_WINDOW = 5
+"""Frames compared with as many before them to see whether times still fall."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How long a configuration is run.
+
+    Warm-up ends when the median of the last ``WARMUP_WINDOW`` frames is within ``settled`` of the
+    median of those before (the steady state of Georges, Buytaert and Eeckhout, "Statistically
+    rigorous Java performance evaluation", OOPSLA 2007, section 3.4, with medians for their
+    coefficient of variation, which stalls of a shared machine never let settle).
+
+    Measuring ends when the distribution-free 95 % confidence interval of the median frame time is
+    narrower than ``relative_width`` of the median (Hoefler and Belli, "Scientific benchmarking of
+    parallel computing systems", SC 2015, section 4.2.2), but not before ``least`` frames, and at
+    ``most`` frames or after ``seconds``.
+
+    Attributes:
+        frames: exactly so many are measured; None lets the rule decide.
+        warmup: exactly so many are run first; None lets the rule decide.
+        settled: relative change of the median that counts as settled.
+        warmup_most: frames of warm-up at most.
+        warmup_seconds: of warm-up at most.
+        relative_width: of the confidence interval.
+        least: frames at least.
+        most: frames at most.
+        seconds: of measuring at most, per configuration.
+    """
+
+    frames: int | None = None
+    warmup: int | None = None
+    settled: float = 0.05
+    warmup_most: int = 60
+    warmup_seconds: float = 10.0
+    relative_width: float = 0.05
+    least: int = 30
+    most: int = 500
+    seconds: float = 30.0
+
+    def warm(self, walls_ms: Sequence[float]) -> bool:
+        """Whether these frames (times in order, ms) were warm-up enough."""
+        done = len(walls_ms)
+        if self.warmup is not None:
+            return done >= self.warmup
+        if done >= self.warmup_most or sum(walls_ms) > 1e3 * self.warmup_seconds:
+            return True
+        if done < 2 * WARMUP_WINDOW:
+            return False
+        before = float(np.median(walls_ms[-2 * WARMUP_WINDOW : -WARMUP_WINDOW]))
+        return abs(float(np.median(walls_ms[-WARMUP_WINDOW:])) - before) <= self.settled * before
+
+    def enough(self, walls_ms: Sequence[float]) -> str | None:
+        """Why these measured frames (times in order, ms) are enough; None when they are not."""
+        done = len(walls_ms)
+        if self.frames is not None:
+            return "the frames asked for" if done >= self.frames else None
+        if done < self.least and sum(walls_ms) <= 1e3 * self.seconds:
+            return None
+        low, high = median_interval(walls_ms)
+        if high - low <= self.relative_width * float(np.median(walls_ms)):
+            return f"the median is known to {100 * self.relative_width:.0f} %"
+        if done >= self.most:
+            return f"the cap of {self.most} frames"
+        if sum(walls_ms) > 1e3 * self.seconds:
+            return f"the cap of {self.seconds:.0f} s"
+        return None
+
+    @property
+    def image_frame(self) -> int:
+        """The last frame that is run whatever the rules decide: the same in every run, so that its
+        images are too. (Where a cap on seconds comes first, images are of the last frame.)
+        """
+        warmup = 2 * WARMUP_WINDOW if self.warmup is None else self.warmup
+        return warmup + (self.least if self.frames is None else self.frames) - 1
+
+    @property
+    def expected(self) -> int:
+        """Frames at most, warm-up included: for progress."""
+        warmup = self.warmup_most if self.warmup is None else self.warmup
+        return warmup + (self.most if self.frames is None else self.frames)
+
+
+def median_interval(
+    times_ms: Sequence[float] | npt.NDArray[np.floating], confidence: float = 0.95
+) -> tuple[float, float]:
+    """The confidence interval of the median by order statistics (Le Boudec, "Performance
+    Evaluation of Computer and Communication Systems", 2010, theorem 2.1), ms.
+
+    nan where there are too few times for one (fewer than 6 at 95 %).
+    """
+    ordered = np.sort(np.asarray(times_ms, np.float64))
+    n = len(ordered)
+    chance = binom.cdf(np.arange(n // 2 + 1), n, 0.5)
+    outside = int(np.count_nonzero(chance <= (1 - confidence) / 2))
+    if not outside:
+        return NAN, NAN
+    return float(ordered[outside - 1]), float(ordered[n - outside])

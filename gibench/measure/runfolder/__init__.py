@@ -1,0 +1,1 @@
+"""The folder a run leaves: samples, record and results, written and read back."""

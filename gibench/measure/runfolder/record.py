@@ -1,0 +1,107 @@
+"""The record of a run: what ``run.json`` holds beside the samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from gibench.measure.machine.environment import device_record, environment, versions, without_paths
+from gibench.measure.runfolder.folder import SCHEMA_VERSION
+from gibench.measure.session.cold import ColdFacts
+from gibench.measure.session.loop import Outcome
+from gibench.measure.session.setup import LoopOptions
+from gibench.measure.session.shared import Shared
+from gibench.measure.statistics.summary import Roofs
+from gibench.profiles import DeviceProfile
+from gibench.scene.motion.file import motions_hash
+
+
+def begin_record(
+    arguments: Mapping[str, Any],
+    profiles: Sequence[DeviceProfile],
+    options: LoopOptions,
+    cl_device: Any,
+    roofs: Roofs,
+    cold: ColdFacts | None = None,
+) -> dict[str, Any]:
+    """What is known before the first configuration; ``cold`` where caches are emptied."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "finished": False,
+        "interrupted": False,
+        "started_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        "arguments": dict(arguments),
+        "seed": options.seed,
+        "image": {"width": options.width, "height": options.height},
+        "plan": asdict(options.plan),
+        "motion": options.motion.record(),
+        "flight": {**asdict(options.flight), "path": Path(options.flight.path).name},
+        "cold": cold.record() if cold else None,
+        "versions": versions(),
+        "environment": environment(),
+        "device": device_record(cl_device),
+        "profiles": [_profile(profile) for profile in profiles],
+        "roofs": _roofs(asdict(roofs), None),
+        "scenes": [],
+        "configurations": [],
+    }
+
+
+def study_record(arguments: Mapping[str, Any], cl_device: Any) -> dict[str, Any]:
+    """``run.json`` of ``quality``, ``advise`` and ``experiment``: what was asked, and where."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "arguments": dict(arguments),
+        "seed": arguments["seed"],
+        "versions": versions(),
+        "environment": environment(),
+        "device": device_record(cl_device),
+    }
+
+
+def finish_record(
+    record: Mapping[str, Any], outcome: Outcome, shared: Shared, roofs: Roofs | None
+) -> dict[str, Any]:
+    """The record with what came out; ``roofs`` as they are now, None if not measured again."""
+    return {
+        **record,
+        "finished": True,
+        "interrupted": outcome.interrupted,
+        "write_error": None if outcome.write_error is None else outcome.write_error.what,
+        "finished_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        "roofs": _roofs(record["roofs"]["start"], roofs),
+        "scenes": _scenes(outcome, shared),
+        "configurations": [result.record() for result in outcome.results],
+    }
+
+
+def _roofs(start: Mapping[str, Any], end: Roofs | None) -> dict[str, Any]:
+    """Roofs at the start and at the end: again those of the start where none were measured."""
+    return {
+        "start": start,
+        "end": asdict(end) if end else start,
+        "measured_again": end is not None,
+    }
+
+
+def _scenes(outcome: Outcome, shared: Shared) -> list[dict[str, Any]]:
+    asked = dict.fromkeys(result.configuration.scene for result in outcome.results)
+    scenes = [(name, shared.scene(name)) for name in asked]
+    return [
+        {
+            "name": scene.name,
+            "file": Path(name).name,
+            "triangles": len(scene.triangles),
+            "content_hash": scene.content_hash(),
+            "motions_hash": motions_hash(scene.motions),
+            "warnings": [without_paths(warning) for warning in scene.warnings],
+        }
+        for name, scene in scenes
+    ]
+
+
+def _profile(profile: DeviceProfile) -> dict[str, Any]:
+    return asdict(replace(profile, figures=dict(profile.figures)))

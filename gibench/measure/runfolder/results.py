@@ -1,0 +1,125 @@
+"""What became of a configuration: for the run record, from which every table is made."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from gibench.measure.plan.configuration import Configuration
+from gibench.techniques.technique import Work
+
+OK, SKIPPED, FAILED = "ok", "skipped", "failed"
+WHOLE_FRAME = "(frame)"
+"""Stands for the pass in the row of a configuration that never came to its passes."""
+
+
+@dataclass
+class PassResult:
+    """One pass of a configuration; ``workgroup_size`` where it has one of its own."""
+
+    name: str
+    work: Work = field(default_factory=Work)
+    status: str = OK
+    reason: str = ""
+    workgroup_size: int | None = None
+
+
+@dataclass
+class ConfigurationResult:
+    """One configuration, run or not.
+
+    Attributes:
+        scene: the scene's own name.
+        status: ``ok``, ``skipped`` (the profile or budget forbids it, or a pass of it) or
+            ``failed`` (something went wrong).
+        reason: why it is not ``ok``, or what a reader must know.
+        counts: probes, receivers, surfels as the technique has them.
+        receivers_asked: what was aimed for before ``--fit``.
+        group: configurations of one group took turns.
+        warmup: frames run before those that count.
+        frames: measured.
+        stopped: why no further frame was measured.
+        memory_bytes: the most that was allocated at once.
+        notes: for the report.
+        sweep: the work-group sizes tried and chosen, where they were.
+    """
+
+    configuration: Configuration
+    scene: str
+    group: int = 1
+    warmup: int = 0
+    stopped: str = ""
+    status: str = OK
+    reason: str = ""
+    passes: list[PassResult] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    receivers_asked: int | None = None
+    frames: int = 0
+    memory_bytes: int = 0
+    camera: str = ""
+    notes: list[str] = field(default_factory=list)
+    sweep: dict[str, Any] | None = None
+    error: BaseException | None = field(default=None, repr=False)
+
+    def refuse(self, status: str, reason: str, error: BaseException | None = None) -> None:
+        """Mark the configuration and the passes it still had as not run."""
+        self.status, self.reason, self.error = status, reason, error
+        for item in self.passes:
+            if item.status == OK and not self.frames:
+                item.status, item.reason = status, reason
+        if not self.passes:
+            self.passes = [PassResult(WHOLE_FRAME, status=status, reason=reason)]
+
+    def keys(self, workgroup_size: int | None = None) -> dict[str, Any]:
+        """The columns that name it in every table; a pass may have a work-group size of its own."""
+        configuration = self.configuration
+        return {
+            "technique": configuration.spec.name,
+            "variant": configuration.variant,
+            "scene": self.scene,
+            "profile": configuration.profile.name,
+            "workgroup_size": workgroup_size or configuration.workgroup_size,
+            "sh_order": configuration.sh_order,
+        }
+
+    def record(self) -> dict[str, Any]:
+        """As ``run.json`` has it."""
+        return {
+            "configuration": self.configuration.number,
+            **self.keys(),
+            **{name: self.counts.get(name) for name in ("surfels", "probes", "receivers")},
+            "counts": dict(self.counts),
+            "receivers_asked": self.receivers_asked,
+            "frames": self.frames,
+            "warmup": self.warmup,
+            "stopped": self.stopped,
+            "group": self.group,
+            "camera": self.camera,
+            "memory_bytes": self.memory_bytes,
+            "memory_budget_bytes": self.configuration.profile.memory_budget_bytes,
+            "status": self.status,
+            "reason": self.reason,
+            "notes": list(self.notes),
+            "settings": plain_settings(self.configuration.settings),
+            "auto_workgroup": self.configuration.auto_workgroup,
+            "workgroup_sweep": self.sweep,
+            "passes": [
+                {
+                    "pass": p.name,
+                    **asdict(p.work),
+                    "status": p.status,
+                    "reason": p.reason,
+                    "workgroup_size": p.workgroup_size or self.configuration.workgroup_size,
+                }
+                for p in self.passes
+            ],
+        }
+
+
+def plain_settings(settings: Any) -> dict[str, Any]:
+    """A technique's settings as ``run.json`` has them."""
+    plain = (bool, int, float, str, type(None))
+    return {
+        name: value if isinstance(value, plain) else str(value)
+        for name, value in asdict(settings).items()
+    }

@@ -1,0 +1,1 @@
+"""Techniques set up on a device and run frame by frame."""

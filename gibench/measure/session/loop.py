@@ -1,0 +1,378 @@
+"""The frame loop: configurations set up, warmed up, run in turns and recorded."""
+
+from __future__ import annotations
+
+import gc
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from gibench.device import Device
+from gibench.errors import CannotRun, GibenchError
+from gibench.measure.machine.environment import without_paths
+from gibench.measure.plan.configuration import Configuration
+from gibench.measure.runfolder.folder import RunFolder
+from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, ConfigurationResult, PassResult
+from gibench.measure.session.cold import CacheFlush
+from gibench.measure.session.enqueue import FrameTimes, PreparedPass, enqueue_frame, prepare_passes
+from gibench.measure.session.interrupts import Interrupts
+from gibench.measure.session.setup import LoopOptions, check_configuration, set_up
+from gibench.measure.session.shared import Shared
+from gibench.measure.session.tune import prepare_chosen, tune
+from gibench.progress import progress
+from gibench.techniques.technique import Technique
+
+TakeImages = Callable[[ConfigurationResult, dict[str, Any]], None]
+
+BLOCK = 5
+"""Frames a configuration runs before the next one's turn: caches are its own again after one."""
+MOST_ALIVE = 8
+"""Configurations that take turns at most."""
+ALIVE_SHARE = 0.25
+"""Share of the free host memory (and of the device's) that they may take together."""
+
+
+@dataclass
+class Outcome:
+    """What became of a run.
+
+    Attributes:
+        results: one per configuration, in order.
+        interrupted: whether Ctrl-C ended it early.
+        samples: stored, over all configurations.
+        write_error: why samples could not be stored any more, which ended it early.
+    """
+
+    results: list[ConfigurationResult]
+    interrupted: bool = False
+    samples: int = 0
+    write_error: GibenchError | None = None
+
+    @property
+    def first_error(self) -> BaseException | None:
+        """The first thing that went wrong, if anything did."""
+        return next((r.error for r in self.results if r.error is not None), None)
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing further is to be run."""
+        return self.interrupted or self.write_error is not None
+
+
+@dataclass
+class Live:
+    """A configuration that is set up on its device.
+
+    Attributes:
+        warming_ms: wall times of its warm-up frames.
+        walls_ms: wall times of the frames that count.
+        rows: samples not stored yet.
+        pictured: whether its images were taken.
+    """
+
+    result: ConfigurationResult
+    device: Device
+    technique: Technique
+    prepared: Sequence[PreparedPass]
+    warming_ms: list[float] = field(default_factory=list)
+    walls_ms: list[float] = field(default_factory=list)
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+    pictured: bool = False
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has any pass to run."""
+        return any(p.status == OK for p in self.prepared)
+
+
+@dataclass
+class Loop:
+    """What all configurations of a run have in common."""
+
+    options: LoopOptions
+    shared: Shared
+    cl_device: Any
+    folder: RunFolder
+    outcome: Outcome
+    take_images: TakeImages | None
+    flush: CacheFlush | None
+    rng: np.random.Generator
+    interrupts: Interrupts
+
+
+def run_configurations(
+    configurations: Sequence[Configuration],
+    options: LoopOptions,
+    shared: Shared,
+    cl_device: Any,
+    folder: RunFolder,
+    take_images: TakeImages | None = None,
+    flush: CacheFlush | None = None,
+) -> Outcome:
+    """Run every configuration; samples go to ``folder`` as they come.
+
+    As many as fit into memory are alive at once and take turns in blocks of frames, in an order
+    drawn anew every round under the seed, so that a drift of the machine does not favour the last.
+    One that cannot run is recorded with its reason and the others go on. Ctrl-C or a full disk ends
+    the run; what was measured until then is kept.
+
+    Args:
+        configurations: to run, those that share a bake next to each other.
+        options: how.
+        shared: what is baked.
+        cl_device: the OpenCL device.
+        folder: where samples go.
+        take_images: is given every finished configuration's images.
+        flush: is called before every frame, where caches are to be cold.
+
+    Raises:
+        BadInput: a scene, its camera or settings for it are wrong, told before anything long.
+        GibenchError: not even the head of the samples can be written.
+    """
+    names = {}
+    for configuration in configurations:
+        names[configuration.scene] = check_configuration(configuration, options, shared).name
+    outcome = Outcome([])
+    folder.start_samples()
+    rng = np.random.default_rng(options.seed)
+    with Interrupts() as interrupts:
+        loop = Loop(
+            options, shared, cl_device, folder, outcome, take_images, flush, rng, interrupts
+        )
+        alive: list[Live] = []
+        group = 1
+        for configuration in configurations:
+            result = ConfigurationResult(configuration, names[configuration.scene], group=group)
+            outcome.results.append(result)
+            outcome.interrupted |= interrupts.came()
+            if outcome.ended:
+                result.refuse(SKIPPED, _not_reached(outcome))
+                continue
+            with _guarded(loop, result):
+                alive.append(_bring_up(loop, result))
+            if outcome.ended or _full(alive, cl_device):
+                _take_turns(loop, alive)
+                _let_go(alive, outcome)
+                group += 1
+        _take_turns(loop, alive)
+        _let_go(alive, outcome)
+    outcome.interrupted |= interrupts.came()
+    return outcome
+
+
+def _not_reached(outcome: Outcome) -> str:
+    why = "the run was interrupted" if outcome.interrupted else "samples could not be stored"
+    return f"not reached: {why}"
+
+
+def _full(alive: Sequence[Live], cl_device: Any) -> bool:
+    import psutil
+
+    there = min(int(psutil.virtual_memory().available), int(cl_device.global_mem_size))
+    taken = sum(live.device.memory.peak_bytes for live in alive)
+    return len(alive) >= MOST_ALIVE or taken > ALIVE_SHARE * there
+
+
+@contextmanager
+def _guarded(loop: Loop, result: ConfigurationResult) -> Iterator[None]:
+    """Whatever goes wrong inside becomes the configuration's reason; the others go on."""
+    try:
+        with loop.interrupts.work():
+            yield
+    except KeyboardInterrupt:
+        loop.outcome.interrupted = True
+        _mark_interrupted(result, loop.options)
+    except CannotRun as error:
+        result.refuse(SKIPPED, without_paths(str(error)), error)
+    except GibenchError as error:
+        result.refuse(FAILED, without_paths(str(error)), error)
+    except Exception as error:  # a fault in one configuration must not cost the others
+        reason = f"{type(error).__name__}: {' '.join(str(error).split())}"
+        result.refuse(FAILED, without_paths(reason), error)
+    if result.error is not None:  # its frames would hold the device's buffers
+        traceback.clear_frames(result.error.__traceback__)
+        gc.collect()
+
+
+def _mark_interrupted(result: ConfigurationResult, options: LoopOptions) -> None:
+    asked = options.plan.frames
+    of = "" if asked is None else f" of {asked}"
+    result.refuse(OK if result.frames else SKIPPED, f"interrupted after {result.frames}{of} frames")
+
+
+def _bring_up(loop: Loop, result: ConfigurationResult) -> Live:
+    sweep = None
+    if result.configuration.auto_workgroup:
+        sweep = tune(result, loop.options, loop.shared, loop.cl_device)
+        result.configuration = replace(result.configuration, workgroup_size=sweep.base)
+        result.sweep = sweep.record()
+    device, technique = set_up(result, loop.options, loop.shared, loop.cl_device)
+    if sweep is None:
+        prepared = prepare_passes(technique, result.configuration.workgroup_size)
+    else:
+        prepared = prepare_chosen(technique, sweep)
+        result.notes += sweep.notes()
+    chosen = sweep.chosen if sweep else {}
+    result.counts = dict(technique.counts())
+    result.passes = [
+        PassResult(
+            *(p.name, p.work, p.status, without_paths(p.problem or result.reason)),
+            workgroup_size=chosen.get(p.name),
+        )
+        for p in prepared
+    ]
+    result.memory_bytes = device.memory.peak_bytes
+    return Live(result, device, technique, prepared)
+
+
+def _take_turns(loop: Loop, alive: list[Live]) -> None:
+    """Warm up and measure the configurations of a group."""
+    outcome = loop.outcome
+    title = alive[0].result.configuration.label(alive[0].result.scene) if alive else ""
+    if len(alive) > 1:
+        title = f"{len(alive)} configurations in turns"
+    active = list(alive)
+    with progress(title, loop.options.plan.expected * len(active)) as advance:
+        while active and not outcome.ended:
+            for turn in loop.rng.permutation(len(active)):
+                live, over = active[turn], True
+                with _guarded(loop, live.result):
+                    over = not live.runs or _block(loop, live, advance)
+                    if over:
+                        _finish(loop, live)
+                _store(loop, live)
+                outcome.interrupted |= loop.interrupts.came()
+                if outcome.ended:
+                    break
+                if over:
+                    active[turn] = None  # type: ignore[call-overload]
+            active = [live for live in active if live is not None]
+    for live in active:
+        if outcome.interrupted and not live.result.reason:
+            _mark_interrupted(live.result, loop.options)
+        elif outcome.write_error is not None:
+            live.result.refuse(FAILED, str(outcome.write_error), outcome.write_error)
+    for live in alive:
+        live.device.queue.finish()
+        if live.result.frames and live.result.status == OK:
+            with _guarded(loop, live.result):
+                _count_work(live)
+
+
+def _count_work(live: Live) -> None:
+    """Replace what was declared ahead by what the last frame is found to have done."""
+    result = live.result
+    result.counts = dict(live.technique.counts())
+    for told, prepared in zip(result.passes, live.prepared, strict=True):
+        if prepared.counted is not None and prepared.status == OK:
+            size = told.workgroup_size or result.configuration.workgroup_size
+            told.work = prepared.counted(size)
+
+
+def _let_go(alive: list[Live], outcome: Outcome) -> None:
+    """Free the devices' buffers before the next group's come; errors hold frames that hold them."""
+    alive.clear()
+    for result in outcome.results:
+        if result.error is not None:
+            traceback.clear_frames(result.error.__traceback__)
+    gc.collect()
+
+
+def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
+    """Run one block of frames; whether the configuration is measured enough."""
+    plan, result = loop.options.plan, live.result
+    for _ in range(BLOCK):
+        warm = plan.warm(live.warming_ms)
+        if loop.flush is not None:
+            loop.flush()
+        frame = len(live.warming_ms) + len(live.walls_ms)
+        times = enqueue_frame(live.technique, live.prepared, frame)
+        advance(1)
+        if frame == plan.image_frame:
+            _take_images(loop, live)
+        if not warm:
+            live.warming_ms.append(times.wall_ms)
+            result.warmup = len(live.warming_ms)
+            continue
+        live.walls_ms.append(times.wall_ms)
+        live.rows.extend(_rows(result, times, frame))
+        result.frames += 1
+        if why := plan.enough(live.walls_ms):
+            result.stopped = why
+            return True
+    return False
+
+
+def _rows(result: ConfigurationResult, times: FrameTimes, frame: int) -> list[tuple[Any, ...]]:
+    """One row per pass."""
+    counts = result.counts
+    sizes = {p.name: p.workgroup_size for p in result.passes if p.workgroup_size}
+    tail = (counts.get("probes"), counts.get("receivers"), f"{times.wall_ms:.6f}")
+    return [
+        (
+            *result.keys(sizes.get(name)).values(),
+            *(name, frame, f"{ms:.6f}", *tail, result.configuration.number),
+        )
+        for name, ms in times.pass_ms.items()
+    ]
+
+
+def _store(loop: Loop, live: Live) -> None:
+    """Append the samples; a disk that refuses ends the run."""
+    try:
+        loop.folder.append_samples(live.rows)
+        loop.outcome.samples += len(live.rows)
+    except GibenchError as error:
+        loop.outcome.write_error = error
+        live.result.refuse(FAILED, without_paths(str(error)), error)
+    live.rows.clear()
+
+
+def _finish(loop: Loop, live: Live) -> None:
+    result = live.result
+    result.memory_bytes = live.device.memory.peak_bytes
+    if any(p.status != OK for p in live.prepared):
+        _tell_of_missing_passes(result, live.prepared)
+        return
+    _check_output(live.technique)
+    if not live.pictured:
+        _take_images(loop, live)
+
+
+def _take_images(loop: Loop, live: Live) -> None:
+    """Give away the images of the frame just run, where it is whole."""
+    if loop.take_images is not None and all(p.status == OK for p in live.prepared):
+        loop.take_images(live.result, live.technique.images())
+    live.pictured = True
+
+
+def _tell_of_missing_passes(result: ConfigurationResult, prepared: Sequence[PreparedPass]) -> None:
+    """A frame without all its passes is no frame: its time is left blank, with the reason."""
+    missing = [p for p in prepared if p.status != OK]
+    status = FAILED if any(p.status == FAILED for p in missing) else SKIPPED
+    first = missing[0]
+    reason = without_paths(f"{first.name}: {first.problem}")
+    if len(missing) > 1:
+        reason += f" (and {len(missing) - 1} more passes)"
+    if result.reason:
+        reason = f"{result.reason}; {reason}"
+    error = GibenchError(reason) if status == FAILED else CannotRun(reason)
+    result.status, result.reason, result.error = status, reason, error
+
+
+def _check_output(technique: Technique) -> None:
+    """Times of a frame that computes nonsense are worth nothing.
+
+    Raises:
+        GibenchError: the indirect irradiance of some receiver is not finite.
+    """
+    irradiance = np.asarray(technique.indirect_irradiance())
+    broken = int((~np.isfinite(irradiance)).any(axis=-1).sum()) if irradiance.size else 0
+    if broken:
+        raise GibenchError(
+            f"the indirect irradiance of {broken:,} of {len(irradiance):,} receivers is not finite"
+        )

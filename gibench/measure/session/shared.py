@@ -1,0 +1,73 @@
+"""What configurations share: scenes, lightmaps and bakes, each made once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gibench.bake.lightmap import cached_lightmap
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Scene
+from gibench.techniques.registry import BakeContext, TechniqueSpec
+
+
+@dataclass
+class Shared:
+    """Scenes, lightmaps and baked data of a run.
+
+    Configurations come ordered by scene and receivers, so only the last lightmap and what was baked
+    on it are kept in memory; the cache folder holds the others.
+
+    Attributes:
+        cache_dir: where lightmaps and baked data are kept between runs.
+        seed: of every random choice.
+    """
+
+    cache_dir: Path
+    seed: int
+    _scenes: dict[str, Scene] = field(default_factory=dict, repr=False)
+    _lightmap: tuple[tuple[str, int], Lightmap] | None = field(default=None, repr=False)
+    _baked: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False)
+
+    def scene(self, name_or_path: str) -> Scene:
+        """The scene.
+
+        Raises:
+            BadInput: there is none, or its files are unsound.
+        """
+        from gibench.scene.load import load_scene
+
+        if name_or_path not in self._scenes:
+            self._scenes[name_or_path] = load_scene(name_or_path)
+        return self._scenes[name_or_path]
+
+    def lightmap(self, name_or_path: str, receivers: int) -> Lightmap:
+        """The scene's lightmap with about ``receivers`` receivers.
+
+        Raises:
+            BadInput: the scene cannot be unwrapped.
+        """
+        key = (name_or_path, receivers)
+        if self._lightmap is None or self._lightmap[0] != key:
+            self._baked.clear()
+            self._lightmap = None
+            scene = self.scene(name_or_path)
+            self._lightmap = key, cached_lightmap(scene, receivers, self.cache_dir)
+        return self._lightmap[1]
+
+    def baked(
+        self, spec: TechniqueSpec, settings: Any, name_or_path: str, receivers: int
+    ) -> tuple[Lightmap, Any]:
+        """The lightmap and what ``spec`` bakes on it.
+
+        Raises:
+            GibenchError: it cannot be baked.
+        """
+        lightmap = self.lightmap(name_or_path, receivers)
+        key = (spec.name, repr(settings))
+        if key not in self._baked:
+            self._baked[key] = spec.bake(
+                BakeContext(self.scene(name_or_path), lightmap, settings, self.cache_dir, self.seed)
+            )
+        return lightmap, self._baked[key]

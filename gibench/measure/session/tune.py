@@ -1,0 +1,250 @@
+"""``--workgroup-size auto``: each pass's best work-group size inside the profile, by measurement.
+
+Every power of two times the SIMD width up to the profile's maximum is tried with the whole
+technique, all sizes taking turns frame by frame in an order drawn under the seed, and every pass is
+judged by the median of its device times. Passes that any size fits (their launches count work-items
+and share no local memory) then take each its own best; what the others depend on is decided when
+the technique is created, so they take the size that is best for their sum. A size must be faster
+than the profile's own by more than ``CLEAR`` to replace it: below that it is noise.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gibench.errors import CannotRun
+from gibench.measure.compare.kernel_trees import tree_hash
+from gibench.measure.plan.configuration import Configuration
+from gibench.measure.runfolder.folder import write_atomically
+from gibench.measure.runfolder.results import ConfigurationResult
+from gibench.measure.session.enqueue import (
+    PreparedPass,
+    enqueue_frame,
+    prepare_pass,
+    prepare_passes,
+)
+from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.session.shared import Shared
+from gibench.profiles import DeviceProfile
+from gibench.progress import progress
+from gibench.resources import data
+from gibench.techniques.parts.shared_passes import frame_passes
+from gibench.techniques.technique import LocalMemory, Pass, Technique
+
+CLEAR = 0.03
+WARMUP, FRAMES = 4, 15
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What was measured and chosen.
+
+    Attributes:
+        base: the size the technique is created with.
+        chosen: by pass, its size.
+        times_ms: by pass, by size, the median device time; sizes a pass cannot run at are left out.
+        free: the passes that may take a size of their own.
+        remembered: whether it comes from an earlier run.
+    """
+
+    base: int
+    chosen: dict[str, int]
+    times_ms: dict[str, dict[int, float]]
+    free: tuple[str, ...]
+    remembered: bool = False
+
+    def notes(self) -> list[str]:
+        """The whole sweep in words, one line a pass."""
+        when = "remembered from an earlier run" if self.remembered else "measured in this run"
+        lines = []
+        for name, times in self.times_ms.items():
+            swept = ", ".join(f"{size}: {ms:.3f}" for size, ms in times.items())
+            bound = "" if name in self.free else ", shared with the passes that depend on it"
+            lines.append(
+                f"work-group {self.chosen[name]} for {name}{bound} ({when}; median ms by size: "
+                f"{swept})"
+            )
+        return lines
+
+    def record(self) -> dict[str, Any]:
+        """As ``run.json`` has it."""
+        return asdict(self)
+
+
+def candidate_sizes(profile: DeviceProfile) -> list[int]:
+    """Powers of two times the SIMD width up to the profile's maximum, and its default."""
+    size, sizes = profile.simd_width, {profile.default_workgroup_size}
+    while size <= profile.max_workgroup_size:
+        sizes.add(size)
+        size *= 2
+    return sorted(size for size in sizes if not profile.workgroup_size_problem(size))
+
+
+def tune(
+    result: ConfigurationResult, options: LoopOptions, shared: Shared, cl_device: Any
+) -> Sweep:
+    """The sizes of ``result``'s configuration: remembered, or measured and remembered.
+
+    They are remembered per device, driver, profile, kernel sources, scene and settings.
+
+    Raises:
+        GibenchError: the technique cannot be set up at any size.
+    """
+    path = _memory(result.configuration, options, shared, cl_device)
+    if sweep := _remembered(path):
+        return sweep
+    sweep = measure_sweep(result, options, shared, cl_device)
+    write_atomically(path, (json.dumps(sweep.record(), indent=1) + "\n").encode())
+    return sweep
+
+
+def measure_sweep(
+    result: ConfigurationResult, options: LoopOptions, shared: Shared, cl_device: Any
+) -> Sweep:
+    """Try every size (see the head of this module).
+
+    Raises:
+        GibenchError: the technique cannot be set up at any size.
+    """
+    configuration = result.configuration
+    default = configuration.profile.default_workgroup_size
+    alive: dict[int, tuple[Technique, list[PreparedPass]]] = {}
+    refusal: CannotRun | None = None
+    free: tuple[str, ...] = ()
+    for size in candidate_sizes(configuration.profile):
+        trial = ConfigurationResult(replace(configuration, workgroup_size=size), result.scene)
+        try:
+            _, technique = set_up(trial, options, shared, cl_device)
+        except CannotRun as error:  # a size may need more memory than another
+            refusal = error
+            continue
+        alive[size] = technique, prepare_passes(technique, size)
+        free = tuple(item.name for item in frame_passes(technique) if _is_free(item))
+    if not alive:
+        assert refusal is not None
+        raise refusal
+    times: dict[str, dict[int, list[float]]] = {}
+    rng = np.random.default_rng(options.seed)
+    with progress("choosing work-group sizes", (WARMUP + FRAMES) * len(alive)) as advance:
+        for frame in range(WARMUP + FRAMES):
+            for size in rng.permutation(list(alive)):
+                technique, prepared = alive[int(size)]
+                measured = enqueue_frame(technique, prepared, frame).pass_ms
+                advance(1)
+                for name, ms in measured.items():
+                    if frame >= WARMUP:
+                        times.setdefault(name, {}).setdefault(int(size), []).append(ms)
+    medians = {
+        name: {size: float(np.median(found[size])) for size in sorted(found)}
+        for name, found in times.items()
+    }
+    return choose(medians, free, default)
+
+
+def choose(
+    times_ms: Mapping[str, Mapping[int, float]], free: tuple[str, ...], default: int
+) -> Sweep:
+    """The sizes to take, from every pass's median time at every size.
+
+    Args:
+        times_ms: by pass, by size.
+        free: the passes that may take a size of their own.
+        default: kept unless another is clearly better.
+    """
+    bound = {name: times for name, times in times_ms.items() if name not in free}
+    sums = {
+        size: sum(times[size] for times in bound.values())
+        for size in sorted({size for times in times_ms.values() for size in times})
+        if all(size in times for times in bound.values())
+    }
+    base = _best(sums, default) if bound and sums else default
+    chosen = {
+        name: _best(times, base) if name in free else base for name, times in times_ms.items()
+    }
+    return Sweep(base, chosen, {name: dict(times) for name, times in times_ms.items()}, free)
+
+
+def prepare_chosen(technique: Technique, sweep: Sweep) -> list[PreparedPass]:
+    """Every pass prepared at its chosen size."""
+    return [
+        prepare_pass(technique.device, item, sweep.chosen.get(item.name, sweep.base))
+        for item in frame_passes(technique)
+    ]
+
+
+def _best(times: Mapping[int, float], default: int) -> int:
+    best = min(times, key=lambda size: times[size])
+    if default in times and times[best] >= (1 - CLEAR) * times[default]:
+        return default
+    return best
+
+
+def _is_free(item: Pass) -> bool:
+    """Whether any size fits the pass: it counts work-items and shares no local memory."""
+    try:
+        launches = item.launches()
+    except Exception:  # it fails when it is prepared too, and is told there
+        return False
+    return all(
+        one.groups is None
+        and one.workgroup_size is None
+        and not any(isinstance(argument, LocalMemory) for argument in one.args)
+        and "local" not in _qualifiers(one.program.source, one.kernel)
+        for one in launches
+    )
+
+
+def _qualifiers(source: str, kernel: str) -> str:
+    """``local`` where the kernel's body asks for local memory, barriers or its group's size."""
+    start = source.find(f"void {kernel}(")
+    end = source.find("\n}", start)
+    body = source[start:end]
+    asks = ("__local", "barrier(", "get_local_", "get_group_id", "get_num_groups")
+    return "local" if start < 0 or any(word in body for word in asks) else ""
+
+
+def _memory(
+    configuration: Configuration, options: LoopOptions, shared: Shared, cl_device: Any
+) -> Path:
+    root = options.kernel_root if options.kernel_root is not None else data("kernels_cl")
+    receivers = configuration.receivers or shared.scene(configuration.scene).receivers
+    key = {
+        "version": _VERSION,
+        "device": cl_device.name,
+        "platform": cl_device.platform.version,
+        "driver": cl_device.driver_version,
+        "profile": configuration.profile.content_hash,
+        "kernels": tree_hash(Path(str(root))),
+        "technique": [configuration.spec.name, configuration.variant, repr(configuration.settings)],
+        "scene": [shared.scene(configuration.scene).content_hash(), receivers],
+        "image": [options.width, options.height],
+    }
+    if options.motion.moves:
+        key["motion"] = repr(options.motion.motions(shared.scene(configuration.scene)))
+    name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
+    return shared.cache_dir / "workgroup-sizes" / f"{name}.json"
+
+
+def _remembered(path: Path) -> Sweep | None:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return Sweep(
+            base=int(content["base"]),
+            chosen={name: int(size) for name, size in content["chosen"].items()},
+            times_ms={
+                name: {int(size): float(ms) for size, ms in times.items()}
+                for name, times in content["times_ms"].items()
+            },
+            free=tuple(content["free"]),
+            remembered=True,
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None

@@ -1,0 +1,1 @@
+"""Statistics of samples. No input or output here."""

@@ -1,0 +1,265 @@
+"""Turn the parts of mesh files into the arrays of a Scene, dropping and mending what is broken.
+
+What is harmless is dropped or mended and counted in a warning; a mesh of which nothing is left is
+an error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.arrays import Floats, Ints
+from gibench.errors import BadInput
+from gibench.scene.readers.content import Array, Content, Part, counted
+
+# A triangle is degenerate when its height over its longest edge is below this share of the edge:
+# double the rounding of float32 positions, below which not even its normal's direction is known.
+DEGENERATE_RATIO = 2.0**-23
+
+
+@dataclass(frozen=True)
+class CleanMesh:
+    """The geometry of a Scene; see there for shapes and units.
+
+    Attributes:
+        warnings: what was dropped or mended, one line each, with counts.
+    """
+
+    positions: Floats
+    normals: Floats
+    uvs: Floats
+    triangles: Ints
+    material_ids: Ints
+    object_ids: Ints
+    lightmap_uvs: Floats | None
+    warnings: tuple[str, ...]
+
+
+def clean(content: Content, where: object) -> CleanMesh:
+    """Join and clean all parts of ``content``.
+
+    Args:
+        content: what was read.
+        where: the file, for messages.
+
+    Returns:
+        Triangles that are finite, of positive area and in range, with unit normals on the side
+        that their winding faces.
+
+    Raises:
+        BadInput: no usable triangle is left.
+    """
+    dropped: dict[str, int] = {}
+    mesh = _join([_in_range(part, dropped) for part in content.parts])
+    _drop(mesh, _not_finite(mesh), "triangle with a NaN or infinite vertex", dropped)
+    _drop(mesh, _degenerate(mesh), "degenerate triangle", dropped)
+    if not len(mesh.triangles):
+        raise BadInput(
+            _nothing_left(dropped), where=where, mend="the file must hold triangles with an area"
+        )
+    notes = [_dropped_line(kind, count) for kind, count in dropped.items() if count]
+    mirrored = sum(1 for part in content.parts if part.mirrored and len(part.triangles))
+    if mirrored:
+        notes.append(f"{counted(mirrored, 'mirrored part')}: winding turned")
+    _mend_normals(mesh, notes)
+    _compact(mesh)
+    bad_edges = _edges_of_many(mesh)
+    if bad_edges:
+        notes.append(f"{counted(bad_edges, 'edge')} shared by more than two triangles: kept")
+    return CleanMesh(
+        positions=mesh.positions,
+        normals=mesh.normals.astype(np.float32),
+        uvs=mesh.uvs.astype(np.float32),
+        triangles=mesh.triangles.astype(np.int32),
+        material_ids=mesh.material_ids.astype(np.int32),
+        object_ids=mesh.object_ids.astype(np.int32),
+        lightmap_uvs=_sound_lightmap_uvs(mesh, notes),
+        warnings=tuple(notes),
+    )
+
+
+@dataclass
+class _Mesh:
+    """All parts in one set of arrays, worked on in place."""
+
+    positions: Floats
+    normals: npt.NDArray[np.float64]  # rows without a normal are NaN
+    uvs: Array
+    lightmap_uvs: Array  # rows without are NaN
+    triangles: npt.NDArray[np.int64]
+    material_ids: npt.NDArray[np.int64]
+    object_ids: npt.NDArray[np.int64]
+    had_normals: npt.NDArray[np.bool_]  # per triangle
+
+
+def _in_range(part: Part, dropped: dict[str, int]) -> Part:
+    inside = ((part.triangles >= 0) & (part.triangles < len(part.positions))).all(axis=1)
+    kind = "triangle with an index out of range"
+    dropped[kind] = dropped.get(kind, 0) + int((~inside).sum())
+    if inside.all():
+        return part
+    return replace(part, triangles=part.triangles[inside])
+
+
+def _join(parts: list[Part]) -> _Mesh:
+    def stack(arrays: list[Array], width: int, dtype: Any) -> Array:
+        return np.concatenate([np.empty((0, width), dtype), *arrays]).astype(dtype, copy=False)
+
+    def column(name: str, width: int, missing: float) -> Array:
+        rows = []
+        for part in parts:
+            values = getattr(part, name)
+            rows.append(
+                np.full((len(part.positions), width), missing) if values is None else values
+            )
+        return stack(rows, width, np.float64)
+
+    starts = np.cumsum([0, *(len(part.positions) for part in parts)])
+    sizes = [len(part.triangles) for part in parts]
+    with np.errstate(over="ignore", invalid="ignore"):
+        positions = stack([part.positions.astype(np.float32) for part in parts], 3, np.float32)
+    return _Mesh(
+        positions=positions,
+        normals=column("normals", 3, np.nan),
+        uvs=column("uvs", 2, 0.0),
+        lightmap_uvs=column("lightmap_uvs", 2, np.nan),
+        triangles=stack(
+            [part.triangles + start for part, start in zip(parts, starts, strict=False)],
+            3,
+            np.int64,
+        ),
+        material_ids=np.repeat([part.material for part in parts], sizes).astype(np.int64),
+        object_ids=np.repeat([part.object_id for part in parts], sizes).astype(np.int64),
+        had_normals=np.repeat([part.normals is not None for part in parts], sizes).astype(bool),
+    )
+
+
+def _drop(mesh: _Mesh, bad: npt.NDArray[np.bool_], kind: str, dropped: dict[str, int]) -> None:
+    dropped[kind] = int(bad.sum())
+    if not dropped[kind]:
+        return
+    for name in ("triangles", "material_ids", "object_ids", "had_normals"):
+        setattr(mesh, name, getattr(mesh, name)[~bad])
+
+
+def _not_finite(mesh: _Mesh) -> npt.NDArray[np.bool_]:
+    sound = np.asarray(np.isfinite(mesh.positions).all(axis=1))
+    return np.asarray(~sound[mesh.triangles].all(axis=1))
+
+
+def _edges(mesh: _Mesh) -> tuple[Array, Array, Array]:
+    corners = mesh.positions.astype(np.float64)[mesh.triangles]
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    return b - a, c - a, c - b
+
+
+def _degenerate(mesh: _Mesh) -> npt.NDArray[np.bool_]:
+    ab, ac, bc = _edges(mesh)
+    twice_area = np.linalg.norm(np.cross(ab, ac), axis=1)
+    longest = np.max([np.einsum("ij,ij->i", edge, edge) for edge in (ab, ac, bc)], axis=0)
+    # The longest edge squared times the ratio is the parallelogram of the least height allowed.
+    # An edge so short that its square has no float32 leaves no area for float32 code either.
+    return np.asarray(
+        (twice_area <= DEGENERATE_RATIO * longest) | (twice_area < np.finfo(np.float32).tiny)
+    )
+
+
+def _nothing_left(dropped: dict[str, int]) -> str:
+    reasons = [counted(count, kind, _plural(kind)) for kind, count in dropped.items() if count]
+    return "no triangles" + (f" left after dropping {', '.join(reasons)}" if reasons else "")
+
+
+def _plural(kind: str) -> str:
+    return kind.replace("triangle", "triangles", 1)
+
+
+def _dropped_line(kind: str, count: int) -> str:
+    return f"{counted(count, kind, _plural(kind))} dropped"
+
+
+def _mend_normals(mesh: _Mesh, notes: list[str]) -> None:
+    """Give every corner a unit normal on the front side, splitting vertices where needed.
+
+    Corners without a normal get their triangle's: the glTF 2.0 specification (3.7.2.1) asks for
+    flat normals where a file has none. A normal that does not face the front is replaced too.
+    """
+    ab, ac, _ = _edges(mesh)
+    flat = np.cross(ab, ac)
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    with np.errstate(all="ignore"):
+        lengths = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
+        mesh.normals = mesh.normals / lengths
+        of_corner = mesh.normals[mesh.triangles]
+        facing = np.einsum("tcx,tx->tc", of_corner, flat) > 0  # False for NaN
+    wrong = ~facing
+    mended = int((wrong & mesh.had_normals[:, None]).sum())
+    if mended:
+        notes.append(
+            f"{counted(mended, 'shading normal')} of {3 * int(mesh.had_normals.sum())} did not "
+            "face the triangle's front: the triangle's normal is used"
+        )
+    if missing := int((~mesh.had_normals).sum()):
+        notes.append(f"{counted(missing, 'triangle')} without normals: flat normals computed")
+    if not wrong.any():
+        return
+    triangle, corner = np.nonzero(wrong)
+    old = mesh.triangles[triangle, corner]
+    # Corners of one vertex that get the same normal share one new vertex.
+    keys = np.column_stack((old, flat[triangle].astype(np.float32).view(np.int32)))
+    _, first, inverse = _unique_rows(keys)
+    start = len(mesh.positions)
+    for name in ("positions", "uvs", "lightmap_uvs"):
+        values = getattr(mesh, name)
+        setattr(mesh, name, np.concatenate((values, values[old[first]])))
+    mesh.normals = np.concatenate((mesh.normals, flat[triangle[first]]))
+    mesh.triangles = mesh.triangles.copy()
+    mesh.triangles[triangle, corner] = start + inverse
+
+
+def _unique_rows(rows: Array) -> tuple[Array, Array, Array]:
+    """np.unique over rows (values, first index, inverse) by one lexicographic sort."""
+    order = np.lexsort(rows.T)
+    ordered = rows[order]
+    new = np.ones(len(rows), bool)
+    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
+    inverse = np.empty(len(rows), np.int64)
+    inverse[order] = np.cumsum(new) - 1
+    return ordered[new], order[new], inverse
+
+
+def _compact(mesh: _Mesh) -> None:
+    """Forget vertices that no triangle uses."""
+    used = np.zeros(len(mesh.positions), bool)
+    used[mesh.triangles] = True
+    mesh.triangles = (np.cumsum(used) - 1)[mesh.triangles]
+    for name in ("positions", "normals", "uvs", "lightmap_uvs"):
+        setattr(mesh, name, np.ascontiguousarray(getattr(mesh, name)[used]))
+    mesh.uvs = np.nan_to_num(mesh.uvs, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _edges_of_many(mesh: _Mesh) -> int:
+    """Number of edges, by position, that more than two triangles share."""
+    _, _, place = _unique_rows((mesh.positions + np.float32(0)).view(np.int32))
+    corner = place[mesh.triangles]
+    pairs = np.concatenate((corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]))
+    pairs.sort(axis=1)
+    keys = np.sort(pairs[:, 0] * (int(place.max()) + 1) + pairs[:, 1])
+    starts = np.flatnonzero(np.concatenate(([True], keys[1:] != keys[:-1])))
+    return int((np.diff(np.append(starts, len(keys))) > 2).sum())
+
+
+def _sound_lightmap_uvs(mesh: _Mesh, notes: list[str]) -> Floats | None:
+    has = np.isfinite(mesh.lightmap_uvs).all(axis=1)
+    if not has.any():
+        return None
+    if not has.all():
+        notes.append("lightmap UVs ignored: not every triangle has them")
+        return None
+    if mesh.lightmap_uvs.min() < -1e-4 or mesh.lightmap_uvs.max() > 1 + 1e-4:
+        notes.append("lightmap UVs ignored: they leave the unit square")
+        return None
+    return np.clip(mesh.lightmap_uvs, 0, 1).astype(np.float32)

@@ -1,0 +1,353 @@
+"""glTF 2.0: `.gltf` with files or data URIs, and `.glb`.
+
+JSON is parsed by pygltflib; what the specification leaves to the loader is done here. Choices:
+light intensities (lux, candela) and emissive strengths (nit) are photometric in glTF and are used
+as radiometric units as they stand (W/m2, W/sr, W/m2/sr), since files are authored for an exposure
+and not for a spectrum. Base colour is the albedo whatever the metalness: all is diffuse here.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygltflib
+
+from gibench.errors import BadInput
+from gibench.scene.files import read_bytes
+from gibench.scene.model import (
+    Camera,
+    Light,
+    Material,
+    Texture,
+)
+from gibench.scene.readers.content import (
+    Array,
+    Content,
+    Part,
+    transform_light,
+    transform_part,
+    unit,
+    vec3,
+)
+from gibench.scene.readers.gltf_buffers import Buffers
+from gibench.scene.readers.gltf_formulas import local_matrix, punctual_light, triangles, uv_matrix
+from gibench.scene.readers.textures import UnreadableImage, average, texture_from_bytes
+
+# Extensions that may be required and still be read: either done here or without effect on diffuse
+# surfaces (every KHR_materials_* beside them).
+_READ_EXTENSIONS = {
+    "KHR_lights_punctual",
+    "KHR_mesh_quantization",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+}
+
+
+def load_gltf(path: Path) -> Content:
+    """Read a glTF 2.0 file, its node hierarchy flattened to world space.
+
+    Raises:
+        BadInput: not a sound glTF 2.0 file, a missing buffer, or a required extension that is not
+            supported.
+    """
+    data = read_bytes(path)
+    try:
+        gltf = _parse(data, path)
+        _check_extensions(gltf, path)
+        return _Reader(gltf, path).read()
+    except BadInput:
+        raise
+    # pygltflib checks no types: a wrong one anywhere in the JSON surfaces as one of these.
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError) as error:
+        raise BadInput(f"not a sound glTF 2.0 file ({error})", where=path) from error
+
+
+def _parse(data: bytes, path: Path) -> pygltflib.GLTF2:
+    if data[:4] == b"glTF":
+        if len(data) < 12:
+            raise BadInput("truncated: the file ends inside its header", where=path)
+        version, length = struct.unpack("<II", data[4:12])
+        if version != 2:
+            raise BadInput(f"glb version {version}", where=path, mend="only glTF 2.0 is read")
+        if len(data) < length:
+            raise BadInput(f"truncated: {len(data)} of {length} bytes are there", where=path)
+        try:
+            gltf = pygltflib.GLTF2.load_from_bytes(data)
+        except struct.error as error:
+            raise BadInput("not a sound glb file: a chunk is cut short", where=path) from error
+    else:
+        try:
+            text = data.decode("utf-8-sig")
+            json.loads(text)
+        except (UnicodeDecodeError, json.JSONDecodeError) as error:
+            raise BadInput(f"not a glTF file ({error})", where=path) from error
+        gltf = pygltflib.GLTF2.gltf_from_json(text)
+    version_text = str(gltf.asset.version if gltf.asset else None)
+    if not version_text.startswith("2"):
+        raise BadInput(f"glTF version {version_text}", where=path, mend="only glTF 2.0 is read")
+    return gltf
+
+
+def _check_extensions(gltf: pygltflib.GLTF2, path: Path) -> None:
+    for name in gltf.extensionsRequired or []:
+        if name not in _READ_EXTENSIONS and not name.startswith("KHR_materials_"):
+            raise BadInput(
+                f"needs the glTF extension {name}, which gibench does not read",
+                where=path,
+                mend="export the file without it",
+            )
+
+
+@dataclass
+class _Found:
+    """What walking the nodes collects."""
+
+    parts: list[Part] = field(default_factory=list)
+    lights: list[Light] = field(default_factory=list)
+    cameras: list[Camera] = field(default_factory=list)
+    ignored: Counter[str] = field(default_factory=Counter)
+    meshes: Counter[int] = field(default_factory=Counter)
+
+
+class _Reader:
+    """One file being read."""
+
+    def __init__(self, gltf: pygltflib.GLTF2, path: Path) -> None:
+        self.gltf = gltf
+        self.path = path
+        self.buffers = Buffers(gltf, path)
+        self.found = _Found()
+        self.visited: set[int] = set()
+        self.textures: list[Texture] = []
+        self.texture_of_image: dict[int, int] = {}
+        self.primitives: dict[tuple[int, int], Part | None] = {}
+
+    def read(self) -> Content:
+        materials = [self._material(m, i) for i, m in enumerate(self.gltf.materials or [])]
+        materials.append(Material("default"))
+        for node in self._roots():
+            self._walk(node, np.eye(4))
+        if any(count > 1 for count in self.found.meshes.values()):
+            # Instances would share one place in the atlas.
+            if any(part.lightmap_uvs is not None for part in self.found.parts):
+                self.found.ignored["lightmap UVs (TEXCOORD_1) of a file with instanced meshes"] += 1
+            self.found.parts = [replace(part, lightmap_uvs=None) for part in self.found.parts]
+        if not self.found.parts:
+            ignored = self._warnings()
+            raise BadInput(
+                "no triangles" + (f" ({'; '.join(ignored)})" if ignored else ""),
+                where=self.path,
+                mend="the file must hold a scene with a mesh of triangles",
+            )
+        return Content(
+            tuple(self.found.parts),
+            tuple(materials),
+            tuple(self.textures),
+            tuple(self.found.lights),
+            tuple(self.found.cameras),
+            tuple(node.name or "" for node in self.gltf.nodes or []),
+            self._warnings(),
+        )
+
+    def _warnings(self) -> tuple[str, ...]:
+        return tuple(f"ignored: {what} ({n})" for what, n in sorted(self.found.ignored.items()))
+
+    def _roots(self) -> list[int]:
+        scenes, nodes = self.gltf.scenes or [], self.gltf.nodes or []
+        if self.gltf.scene is not None or scenes:
+            index = self.gltf.scene or 0
+            if not isinstance(index, int) or not 0 <= index < len(scenes):
+                raise BadInput(f"there is no scene {index!r} in the file", where=self.path)
+            return list(scenes[index].nodes or [])
+        children = {child for node in nodes for child in node.children or []}
+        return [i for i in range(len(nodes)) if i not in children]
+
+    def _walk(self, root: int, parent: Array) -> None:
+        """Visit a node and all below it, depth first."""
+        nodes = self.gltf.nodes or []
+        stack = [(root, parent)]
+        while stack:
+            index, parent = stack.pop()
+            if not isinstance(index, int) or not 0 <= index < len(nodes):
+                raise BadInput(f"there is no node {index!r}", where=self.path)
+            if index in self.visited:
+                raise BadInput(
+                    f"node {index} is reached twice: it is its own ancestor or has two parents",
+                    where=self.path,
+                    mend="glTF nodes form trees",
+                )
+            self.visited.add(index)
+            world = parent @ local_matrix(nodes[index])
+            self._visit(nodes[index], index, world)
+            stack += [(child, world) for child in reversed(nodes[index].children or [])]
+
+    def _visit(self, node: Any, index: int, world: Array) -> None:
+        if node.mesh is not None:
+            self.found.meshes[node.mesh] += 1
+            self._add_mesh(node.mesh, index, world)
+            if node.skin is not None:
+                self.found.ignored["skins: bind pose used"] += 1
+        if node.camera is not None:
+            self._add_camera(node.camera, world)
+        light = (node.extensions or {}).get("KHR_lights_punctual")
+        if light is not None:
+            self._add_light(light["light"], world)
+        if "EXT_mesh_gpu_instancing" in (node.extensions or {}):
+            self.found.ignored["EXT_mesh_gpu_instancing: one instance used"] += 1
+
+    def _add_mesh(self, mesh_index: int, node_index: int, world: Array) -> None:
+        meshes = self.gltf.meshes or []
+        if not 0 <= mesh_index < len(meshes):
+            raise BadInput(f"there is no mesh {mesh_index}", where=self.path)
+        for i, primitive in enumerate(meshes[mesh_index].primitives or []):
+            key = (mesh_index, i)
+            if key not in self.primitives:
+                self.primitives[key] = self._primitive(primitive)
+            part = self.primitives[key]
+            if part is not None:
+                moved = transform_part(replace(part, object_id=node_index), world)
+                self.found.parts.append(moved)
+
+    def _primitive(self, primitive: Any) -> Part | None:
+        mode = 4 if primitive.mode is None else primitive.mode
+        if mode not in (4, 5, 6):
+            self.found.ignored["primitives of points or lines"] += 1
+            return None
+        attributes = primitive.attributes
+        if attributes.POSITION is None:
+            self.found.ignored["primitives without positions"] += 1
+            return None
+        if primitive.targets:
+            self.found.ignored["morph targets"] += 1
+        if attributes.COLOR_0 is not None:
+            self.found.ignored["vertex colours"] += 1
+        positions = self.buffers.accessor(attributes.POSITION, 3)
+        if primitive.indices is None:
+            indices = np.arange(len(positions))
+        else:
+            indices = self.buffers.accessor(primitive.indices, 1)[:, 0].astype(np.int64)
+        material, uv_set, uv_matrix = self._uv_use(primitive.material)
+        uvs = self._attribute(attributes, f"TEXCOORD_{uv_set}", 2, len(positions))
+        if uvs is not None:
+            uvs = uvs.astype(np.float64) @ uv_matrix[:2, :2].T + uv_matrix[:2, 2]
+            uvs = np.column_stack((uvs[:, 0], 1.0 - uvs[:, 1]))
+        return Part(
+            positions=positions,
+            triangles=triangles(indices, mode),
+            material=material,
+            normals=self._attribute(attributes, "NORMAL", 3, len(positions)),
+            uvs=uvs,
+            lightmap_uvs=self._attribute(attributes, "TEXCOORD_1", 2, len(positions)),
+        )
+
+    def _attribute(self, attributes: Any, name: str, width: int, count: int) -> Array | None:
+        index = getattr(attributes, name, None)
+        if index is None:
+            return None
+        values = self.buffers.accessor(index, width)
+        if len(values) != count:
+            self.found.ignored[f"{name} of another length than POSITION"] += 1
+            return None
+        return values
+
+    def _uv_use(self, index: int | None) -> tuple[int, int, Array]:
+        """Material number, texture coordinate set, and the 3x3 transform of the coordinates."""
+        materials = self.gltf.materials or []
+        if index is None:
+            return len(materials), 0, np.eye(3)
+        if not 0 <= index < len(materials):
+            raise BadInput(f"there is no material {index}", where=self.path)
+        pbr = materials[index].pbrMetallicRoughness
+        info = pbr.baseColorTexture if pbr else None
+        if info is None:
+            return index, 0, np.eye(3)
+        extension = (info.extensions or {}).get("KHR_texture_transform", {})
+        uv_set = extension.get("texCoord", info.texCoord or 0)
+        return index, uv_set, uv_matrix(extension)
+
+    def _material(self, material: Any, index: int) -> Material:
+        if material.alphaMode not in (None, "OPAQUE"):
+            self.found.ignored[f"alpha ({material.alphaMode}) of materials: drawn opaque"] += 1
+        pbr = material.pbrMetallicRoughness
+        factor = [1.0, 1.0, 1.0] if pbr is None else (pbr.baseColorFactor or [1.0] * 4)[:3]
+        info = pbr.baseColorTexture if pbr else None
+        strength = (
+            (material.extensions or {})
+            .get("KHR_materials_emissive_strength", {})
+            .get("emissiveStrength", 1.0)
+        )
+        emission = np.asarray(material.emissiveFactor or [0.0] * 3, np.float64) * strength
+        if material.emissiveTexture is not None and emission.any():
+            glow = self._texture(material.emissiveTexture.index)
+            if glow >= 0:
+                emission = emission * average(self.textures[glow])
+        if not np.isfinite(emission).all() or (emission < 0).any():
+            raise BadInput(f"material {index} has a senseless emission", where=self.path)
+        return Material(
+            name=material.name or f"material {index}",
+            base_color=vec3(np.clip(np.asarray(factor, np.float64), 0.0, 1.0)),
+            emission=vec3(emission),
+            texture=-1 if info is None else self._texture(info.index),
+        )
+
+    def _texture(self, index: int) -> int:
+        textures = self.gltf.textures or []
+        if not isinstance(index, int) or not 0 <= index < len(textures):
+            raise BadInput(f"there is no texture {index!r}", where=self.path)
+        texture = textures[index]
+        webp = (texture.extensions or {}).get("EXT_texture_webp", {})
+        image = webp.get("source", texture.source)
+        if image is None:
+            self.found.ignored["textures without a readable source"] += 1
+            return -1
+        if image not in self.texture_of_image:
+            self.texture_of_image[image] = self._read_image(image)
+        return self.texture_of_image[image]
+
+    def _read_image(self, image: int) -> int:
+        named = self.buffers.image(image)
+        if named is None:
+            self.found.ignored["textures whose file is missing"] += 1
+            return -1
+        try:
+            self.textures.append(texture_from_bytes(*named))
+        except UnreadableImage:
+            self.found.ignored["textures that cannot be read"] += 1
+            return -1
+        return len(self.textures) - 1
+
+    def _add_camera(self, index: int, world: Array) -> None:
+        cameras = self.gltf.cameras or []
+        if not 0 <= index < len(cameras):
+            raise BadInput(f"there is no camera {index}", where=self.path)
+        camera = cameras[index]
+        if camera.perspective is None:
+            self.found.ignored["orthographic cameras"] += 1
+            return
+        position = world[:3, 3]
+        self.found.cameras.append(
+            Camera(
+                position=vec3(position),
+                target=vec3(position + np.asarray(unit(-world[:3, 2]))),
+                fov_degrees=math.degrees(camera.perspective.yfov),
+                up=unit(world[:3, 1]),
+                name=camera.name or f"camera {len(self.found.cameras) + 1}",
+            )
+        )
+
+    def _add_light(self, index: int, world: Array) -> None:
+        table = (self.gltf.extensions or {}).get("KHR_lights_punctual", {}).get("lights", [])
+        if not 0 <= index < len(table):
+            raise BadInput(f"there is no light {index}", where=self.path)
+        lamp = punctual_light(table[index])
+        if lamp is None:
+            self.found.ignored[f"lights of type {table[index].get('type')!r}"] += 1
+            return
+        self.found.lights.append(transform_light(lamp, world))

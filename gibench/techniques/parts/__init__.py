@@ -1,0 +1,1 @@
+"""What several techniques are made of. A part imports no technique."""

@@ -1,0 +1,1 @@
+"""SRP's bake: probes, relight samples, transport, compression."""

@@ -1,0 +1,105 @@
+"""What the SRP bake hands to the frame: probes, relight samples, compressed transport."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.arrays import Floats, Ints
+
+MAX_SH_ORDER = 7
+
+
+def sh_count(order: int) -> int:
+    """Coefficients of spherical harmonics up to ``order``: (order + 1)^2."""
+    return (order + 1) ** 2
+
+
+@dataclass(frozen=True)
+class ProbeSet:
+    """The probes.
+
+    Attributes:
+        positions: (p, 3) float32, m.
+        radius: support radius of every probe, m.
+    """
+
+    positions: Floats = field(repr=False)
+    radius: float
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+@dataclass(frozen=True)
+class RelightSamples:
+    """The fixed relight rays, one set of stratified directions shared by all probes.
+
+    Attributes:
+        directions: (s, 3) float32 unit.
+        basis: (s, c) float32: SH basis in the sample's direction times 4 pi / s, index
+            j = l (l + 1) + m.
+        texel: (p, s) int32: flat lightmap texel the ray hits; -1 where it escapes to the
+            environment; -2 where it hits a back face or a surface without a texel (black).
+    """
+
+    directions: Floats = field(repr=False)
+    basis: Floats = field(repr=False)
+    texel: Ints = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """One CPCA cluster: transport rows of its receivers as reconstruction @ projection.
+
+    Attributes:
+        receivers: (m,) int32 receiver indices, at most 1024.
+        probes: (k,) int32 probes that matter to any of them, ascending; the stored columns are
+            these probes' blocks of c coefficients.
+        projection: (n, k * c) float32, Sigma V^T; n is 0 when the whole cluster is dark.
+        reconstruction: (m, n) float32, U.
+        error: relative Frobenius error of the coefficients, of dropped probes and truncation.
+    """
+
+    receivers: Ints = field(repr=False)
+    probes: Ints = field(repr=False)
+    projection: Floats = field(repr=False)
+    reconstruction: Floats = field(repr=False)
+    error: float
+
+
+@dataclass(frozen=True)
+class SrpBake:
+    """All that SRP computes ahead.
+
+    Attributes:
+        sh_order: order of the probes' spherical harmonics.
+        probes: the probes.
+        relight: their relight samples.
+        clusters: the clusters; together they hold every receiver exactly once.
+        usable_share: share of receivers within reach of at least one probe they can use.
+        overlap: mean number of probes that reach a receiver.
+    """
+
+    sh_order: int
+    probes: ProbeSet
+    relight: RelightSamples
+    clusters: tuple[Cluster, ...] = field(repr=False)
+    usable_share: float
+    overlap: float
+
+    @property
+    def coefficients(self) -> int:
+        """SH coefficients per probe."""
+        return sh_count(self.sh_order)
+
+    def transport_bytes(self, bytes_per_value: int) -> int:
+        """Size of the projection and reconstruction matrices at a storage width."""
+        return bytes_per_value * sum(
+            c.projection.size + c.reconstruction.size for c in self.clusters
+        )
+
+
+Transport = npt.NDArray[np.float32]

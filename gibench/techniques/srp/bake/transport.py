@@ -1,0 +1,399 @@
+"""Transport coefficients: thesis section 5.6, with Embree for rays and OpenCL for the rest.
+
+Per chunk of receivers: primary rays (kernel), closest hits (Embree), validity and what the
+visibility tables settle (kernel), rays for the pairs they leave open (Embree), accumulation
+(kernels). ``kernels_cl/srp/bake.cl`` has the layouts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyopencl as cl
+
+from gibench.arrays import Floats, Ints
+from gibench.device import build_program, kernel_source, list_devices, vector_width
+from gibench.rays.tracer import RayTracer
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Scene
+from gibench.techniques.srp.bake.data import ProbeSet, sh_count
+from gibench.techniques.srp.bake.sampling import fragment_shares, primary_points, triangle_planes
+from gibench.techniques.srp.bake.settings import SrpBakeSettings
+from gibench.techniques.srp.bake.visibility import UNDECIDED, VisibilityTables, no_tables
+from gibench.techniques.srp.bake.weights import Nearby, nearby
+
+# Rays start off the surface they leave by this share of the scene's extent: some 30 times the
+# rounding of a float32 coordinate of that size.
+SURFACE_OFFSET = 4e-6
+# Visibility rays end short of their target by this share of their length, for the same reason.
+SHORT_OF_TARGET = 1e-5
+# Samples of one work-item, as BLOCK in the kernels.
+BLOCK = 64
+
+
+class TransportRows(NamedTuple):
+    """Uncompressed transport of m receivers.
+
+    Attributes:
+        probes: (k,) int32 probes any of them uses, ascending.
+        matrix: (m, k * c) float32: alpha_ij of the probes' blocks of c coefficients.
+        valid: (m,) int32 valid samples of each receiver; 0 where no probe can be used, or where so
+            few are valid that the receiver is left dark (``least_valid``).
+    """
+
+    probes: Ints
+    matrix: Floats
+    valid: Ints
+
+
+class PrimaryRays(NamedTuple):
+    """The primary rays of m receivers, s each: (m, s, 3) float32 origins and directions."""
+
+    origins: Floats
+    directions: Floats
+
+
+@dataclass
+class Clock:
+    """Seconds spent and rays traced in each part of the work."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def add(self, part: str, since: float, count: int = 0) -> float:
+        """Book the time ``since`` to ``part``; returns now."""
+        now = perf_counter()
+        self.seconds[part] = self.seconds.get(part, 0.0) + now - since
+        self.counts[part] = self.counts.get(part, 0) + count
+        return now
+
+
+def surface_offset(scene: Scene) -> float:
+    """How far rays start off a surface of ``scene``, m."""
+    low, high = scene.bounds
+    return float(SURFACE_OFFSET * max(np.abs(low).max(), np.abs(high).max(), np.ptp([low, high])))
+
+
+class TransportBaker:
+    """Computes transport rows; all that the chunks share is uploaded once.
+
+    Args:
+        scene: the scene.
+        lightmap: its atlas.
+        probes: the probes.
+        settings: of the bake.
+        tracer: traces against the scene's triangles; called from several threads.
+        tables: visibility tables, or None to trace every pair.
+        seed: of the samples.
+        cl_device: OpenCL device; by default the first there is.
+        vector: floats per vector, 1, 2, 4, 8 or 16; by default what the device prefers.
+
+    Raises:
+        CannotRun: there is no OpenCL device.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        lightmap: Lightmap,
+        probes: ProbeSet,
+        settings: SrpBakeSettings,
+        tracer: RayTracer,
+        tables: VisibilityTables | None,
+        seed: int = 0,
+        cl_device: Any = None,
+        vector: int | None = None,
+    ) -> None:
+        self.lightmap = lightmap
+        self.probes = probes
+        self.settings = settings
+        self.tracer = tracer
+        self.offset = surface_offset(scene)
+        self.table_receivers = len(lightmap.receivers) if tables else 0
+        self.coefficients = sh_count(settings.sh_order)
+        cl_device = list_devices()[0] if cl_device is None else cl_device
+        self.vector = vector or vector_width(cl_device)
+        self.stride = -(-settings.transport_rays // self.vector) * self.vector
+        self.context = cl.Context([cl_device])
+        defines = {
+            "VEC": self.vector,
+            "SH_ORDER": settings.sh_order,
+            "PROBES": len(probes),
+            "GRID": tables.grid if tables else 0,
+        }
+        self.program = build_program(self.context, kernel_source("srp/bake.cl"), defines)
+        rng = np.random.default_rng([seed, 1])
+        points = primary_points(settings.transport_rays, self.stride, seed)
+        receivers, fragments = lightmap.receivers, lightmap.fragments
+        planes = triangle_planes(scene.corners)
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "points": _with_angles(points),
+            "rotations": _with_angles(rng.random((len(receivers), 4), dtype=np.float32)),
+            "normals": receivers.normal,
+            "fragment_start": fragments.start.astype(np.int32),
+            "fragment_share": fragment_shares(fragments),
+            "fragment_corners": fragments.corners,
+            "fragment_triangle": fragments.triangle.astype(np.int32),
+            "planes": planes,
+            "triangle_uvs": lightmap.triangle_uvs,
+            "receiver_of_texel": lightmap.receiver_of_texel,
+            "probes": np.pad(probes.positions.astype(np.float32), ((0, 0), (0, 1))),
+            "states": tables.states if tables else no_tables(len(probes)),
+        }
+        # What lifts a point off each triangle; the last row (index -1) stands for no triangle.
+        self.lift = np.pad(planes[:, :3] * np.float32(self.offset), ((0, 1), (0, 0)))
+        self.shared = {name: self._upload(array) for name, array in arrays.items()}
+
+    def _upload(self, array: npt.NDArray[Any]) -> Any:
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+        return cl.Buffer(self.context, flags, hostbuf=np.ascontiguousarray(array))
+
+    def worker(self) -> TransportWorker:
+        """A worker with a queue, kernels and scratch of its own, for one thread at a time."""
+        return TransportWorker(self)
+
+
+class TransportWorker:
+    """What one thread needs to compute transport rows."""
+
+    def __init__(self, baker: TransportBaker) -> None:
+        self.baker = baker
+        self.clock = Clock()
+        self.queue = cl.CommandQueue(baker.context)
+        self._rays = cl.Kernel(baker.program, "transport_rays")
+        self._decide = cl.Kernel(baker.program, "transport_decide")
+        self._weights = cl.Kernel(baker.program, "transport_weights")
+        self._accumulate = cl.Kernel(baker.program, "transport_accumulate")
+        self._unaware = cl.Kernel(baker.program, "transport_unaware")
+        self._scratch: dict[str, Any] = {}
+
+    def rows(self, receivers: Ints) -> TransportRows:
+        """The transport rows of ``receivers`` (m,)."""
+        c = self.baker.coefficients
+        pairs = nearby(self.baker.lightmap.receivers.position[receivers], self.baker.probes)
+        used = np.unique(pairs.probe)
+        matrix = np.zeros((len(receivers), len(used), c), np.float32)
+        valid = np.zeros(len(receivers), np.int32)
+        for chunk in self._chunks(pairs):
+            part = _pairs_of(pairs, chunk)
+            if len(part.probe):
+                transport, valid[chunk] = self._chunk(receivers[chunk], part)
+                column = np.searchsorted(used, part.probe)
+                matrix[part.receiver + chunk.start, column] = transport
+        few = valid < self.baker.settings.least_valid * self.baker.settings.transport_rays
+        matrix[few] = 0.0
+        valid[few] = 0
+        return TransportRows(used.astype(np.int32), matrix.reshape(len(receivers), -1), valid)
+
+    def primary_rays(self, receivers: Ints) -> PrimaryRays:
+        """The rays that :meth:`rows` traces from ``receivers`` (m,).
+
+        A direction of zero marks a sample that leads straight into its own surface.
+        """
+        origins, directions = self._primary(receivers)
+        samples = self.baker.settings.transport_rays
+        return PrimaryRays(origins[:, :samples], directions[:, :samples])
+
+    def decisions(self, receivers: Ints) -> npt.NDArray[np.bool_]:
+        """(q, s) mutual visibility V_i of every pair of ``receivers`` and nearby probe."""
+        pairs = nearby(self.baker.lightmap.receivers.position[receivers], self.baker.probes)
+        states = self._decisions(receivers, pairs)
+        return np.asarray(states[:, : self.baker.settings.transport_rays] != 0)
+
+    def _chunks(self, pairs: Nearby) -> Iterator[slice]:
+        """Runs of receivers with at most ``chunk_rays`` rays, and 16 pairs per ray on average."""
+        most_receivers = max(1, self.baker.settings.chunk_rays // self.baker.stride)
+        begin, count = 0, len(pairs.start) - 1
+        while begin < count:
+            end = begin + 1
+            room = pairs.start[begin] + 16 * most_receivers
+            while end < min(count, begin + most_receivers) and pairs.start[end + 1] <= room:
+                end += 1
+            yield slice(begin, end)
+            begin = end
+
+    def _buffer(self, name: str, nbytes: int) -> Any:
+        held = self._scratch.get(name)
+        if held is None or held.size < nbytes:
+            if held is not None:
+                held.release()
+            held = cl.Buffer(self.baker.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+            self._scratch[name] = held
+        return held
+
+    def _send(self, name: str, array: npt.NDArray[Any]) -> Any:
+        buffer = self._buffer(name, array.nbytes)
+        cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
+        return buffer
+
+    def _fetch(self, buffer: Any, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
+        out = np.empty(shape, dtype)
+        cl.enqueue_copy(self.queue, out, buffer)
+        return out
+
+    def _primary(self, receivers: Ints) -> tuple[Floats, Floats]:
+        baker, shared = self.baker, self.baker.shared
+        shape = (len(receivers), baker.stride, 3)
+        nbytes = 12 * shape[0] * shape[1]
+        names = (
+            "points", "rotations", "receivers", "normals", "fragment_start", "fragment_share",
+            "fragment_corners", "fragment_triangle", "planes",
+        )  # fmt: skip
+        listed = self._send("receivers", receivers.astype(np.int32))
+        self._rays(
+            self.queue,
+            (-(-baker.stride // BLOCK), len(receivers)),
+            (1, 1),
+            np.int32(baker.stride),
+            np.int32(baker.settings.transport_rays),
+            np.float32(baker.offset),
+            *(listed if name == "receivers" else shared[name] for name in names),
+            self._buffer("origins", nbytes),
+            self._buffer("directions", nbytes),
+        )
+        origins = self._fetch(self._scratch["origins"], shape, np.float32)
+        return origins, self._fetch(self._scratch["directions"], shape, np.float32)
+
+    def _chunk(self, receivers: Ints, pairs: Nearby) -> tuple[Floats, Ints]:
+        """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
+        baker, queue = self.baker, self.queue
+        stride, count = baker.stride, len(receivers)
+        of_samples = self._decisions
+        if baker.settings.interpolation != "srp":
+            of_samples = self._without_mutual_visibility
+        states = of_samples(receivers, pairs)
+        now = perf_counter()
+        scratch = self._scratch
+        start, probe, weight = (scratch[f"pair_{name}"] for name in ("start", "probe", "weight"))
+        hits, visible = scratch["hits"], scratch["visible"]
+        inverse = self._buffer("inverse", 4 * count * stride)
+        valid = self._buffer("valid", 4 * count)
+        transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
+        self._weights(
+            queue, (count,), (1,), np.int32(stride), start, weight, visible, inverse, valid
+        )
+        self._accumulate(
+            queue, (len(pairs.probe),), (1,), np.int32(stride),
+            self._send("pair_receiver", pairs.receiver), probe, weight, baker.shared["probes"],
+            hits, visible, inverse, valid, transport,
+        )  # fmt: skip
+        shape = (len(pairs.probe), baker.coefficients)
+        out = self._fetch(transport, shape, np.float32), self._fetch(valid, (count,), np.int32)
+        self.clock.add("accumulate", now, states.size)
+        return out
+
+    def _decisions(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
+        """(q, stride) whether each sample is mutually visible; also left on the device."""
+        baker, shared, queue, clock = self.baker, self.baker.shared, self.queue, self.clock
+        stride, count, rays = baker.stride, len(receivers), len(receivers) * baker.stride
+        now = perf_counter()
+        origins, directions = self._primary(receivers)
+        now = clock.add("generate rays", now, rays)
+        found = baker.tracer.closest(origins.reshape(-1, 3), directions.reshape(-1, 3))
+        now = clock.add("primary rays", now, rays)
+
+        start = self._send("pair_start", pairs.start)
+        probe = self._send("pair_probe", pairs.probe)
+        self._send("pair_weight", pairs.weight)
+        hits = self._buffer("hits", 16 * rays)
+        visible = self._buffer("visible", len(pairs.probe) * stride)
+        lightmap = baker.lightmap
+        self._decide(
+            queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
+            self._scratch["origins"], self._scratch["directions"],
+            self._send("hit_triangle", found.triangle), self._send("hit_distance", found.distance),
+            self._send("hit_u", found.u), self._send("hit_v", found.v),
+            shared["planes"], shared["triangle_uvs"],
+            np.int32(lightmap.width), np.int32(lightmap.height), shared["receiver_of_texel"],
+            np.int32(baker.table_receivers), shared["states"],
+            start, probe, shared["probes"], hits, visible,
+        )  # fmt: skip
+        states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
+        now = clock.add("decide", now, states.size)
+        traced = self._resolve(states, pairs, found.triangle)
+        now = clock.add("visibility rays", now, traced)
+
+        if traced:
+            cl.enqueue_copy(queue, visible, states)
+        return np.asarray(states)
+
+    def _without_mutual_visibility(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
+        """As :meth:`_decisions`, for blending in the receiver's own direction: every sample is
+        taken from every probe, or from every one that the receiver sees.
+        """
+        baker, queue, stride, count = self.baker, self.queue, self.baker.stride, len(receivers)
+        now = perf_counter()
+        self._primary(receivers)
+        sees = np.ones(len(pairs.probe), np.uint8)
+        if baker.settings.interpolation == "visibility":
+            sees[:] = self._sees(receivers, pairs)
+        start = self._send("pair_start", pairs.start)
+        self._send("pair_probe", pairs.probe)
+        self._send("pair_weight", pairs.weight)
+        hits = self._buffer("hits", 16 * count * stride)
+        visible = self._buffer("visible", len(pairs.probe) * stride)
+        self._unaware(
+            queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
+            self._scratch["directions"], start, self._send("pair_sees", sees), hits, visible,
+        )  # fmt: skip
+        states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
+        self.clock.add("decide", now, states.size)
+        return np.asarray(states)
+
+    def _sees(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.bool_]:
+        """(q,) whether the receiver's own position, off its surface, sees the pair's probe."""
+        held = self.baker.lightmap.receivers
+        own = receivers[pairs.receiver]
+        origins = held.position[own] + held.normal[own] * np.float32(self.baker.offset)
+        towards = self.baker.probes.positions.astype(np.float32)[pairs.probe] - origins
+        above = np.einsum("qx,qx->q", towards, held.normal[own]) > 0
+        limit = np.full(len(own), 1.0 - SHORT_OF_TARGET, np.float32)
+        return np.asarray(above & ~self.baker.tracer.occluded(origins, towards, limit))
+
+    def _resolve(self, states: npt.NDArray[np.uint8], pairs: Nearby, triangle: Ints) -> int:
+        """Trace the undecided pairs and write the outcome into ``states``; returns their number."""
+        baker = self.baker
+        stride = baker.stride
+        flat = states.reshape(-1)
+        undecided = np.flatnonzero(flat == UNDECIDED)
+        if not len(undecided):
+            return 0
+        pair = undecided // stride
+        receiver = pairs.receiver[pair].astype(np.int64)
+        ray = undecided + (receiver - pair) * stride
+        shape = (len(pairs.start) - 1) * 4 * stride
+        hits = self._fetch(self._scratch["hits"], (shape,), np.float32)
+        place = ray + 3 * stride * receiver  # of x in [R][4][S]; y, z and h follow by strides
+        is_hit = hits.take(place + 3 * stride)
+        struck = triangle.take(ray)
+        origins = baker.probes.positions.astype(np.float32).take(pairs.probe.take(pair), axis=0)
+        # Off the surface by the same distance as every ray's start, on the side of the probe.
+        directions = baker.lift.take(np.maximum(struck, -1), axis=0, mode="wrap")
+        for axis in range(3):
+            directions[:, axis] += hits.take(place + axis * stride) - is_hit * origins[:, axis]
+        limit = np.where(is_hit > 0, np.float32(1.0 - SHORT_OF_TARGET), np.float32(np.inf))
+        blocked = baker.tracer.occluded(origins, directions, limit)
+        flat[undecided] = ~blocked
+        return len(undecided)
+
+
+def _with_angles(points: Floats) -> Floats:
+    """(n, 8) float32 of points (n, 4): u0, cos and sin of 2 pi u1, u2, u3, padding."""
+    angle = 2.0 * np.pi * points[:, 1].astype(np.float64)
+    columns = points[:, 0], np.cos(angle), np.sin(angle), points[:, 2], points[:, 3]
+    return np.pad(np.stack(columns, axis=1).astype(np.float32), ((0, 0), (0, 3)))
+
+
+def _pairs_of(pairs: Nearby, chunk: slice) -> Nearby:
+    begin, end = pairs.start[chunk.start], pairs.start[chunk.stop]
+    return Nearby(
+        pairs.start[chunk.start : chunk.stop + 1] - begin,
+        pairs.receiver[begin:end] - np.int32(chunk.start),
+        pairs.probe[begin:end],
+        pairs.weight[begin:end],
+    )

@@ -1,0 +1,251 @@
+"""Run cases of cases.py on tiny problems; meant to be started under Oclgrind, one case at a time.
+
+Prints the full name of every kernel that ran, one to a line.
+
+Usage: python run_case.py CACHE_DIR CASE... (a case is a JSON object of Case's fields)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pyopencl as cl
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from cases import Case
+from recording import record_kernels
+from support.reference_scenes import lightmap_of, random_scene
+
+from gibench.device import Device, list_devices
+from gibench.measure.machine import roofs as roofs_module
+from gibench.measure.session.enqueue import PreparedPass, enqueue_frame, prepare_passes
+from gibench.profiles import load_profile
+from gibench.rays.bvh import build_bvh
+from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
+from gibench.rays.embree import EmbreeTracer
+from gibench.reference import host_cl, wavefront
+from gibench.reference.camera import image_plane
+from gibench.reference.host_cl import HostProgram, Shared
+from gibench.reference.packed import pack_fragments, pack_scene
+from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
+from gibench.scene.builtin import build
+from gibench.scene.lightmap.atlas import unwrap
+from gibench.scene.model import Camera
+from gibench.scene.motion.moving_objects import MovingObjects
+from gibench.scene.motion.poses import Turn
+from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec, find_technique
+from gibench.techniques.srp.bake import stages as srp_bake
+from gibench.techniques.srp.bake import transport
+from gibench.techniques.technique import Technique
+
+# Enough for every kernel's loops, borders and remainders; the simulator is slow.
+RECEIVERS = 90
+# Frames, image width and height, pixels: two tiles of pixels a side, the last not full.
+SHAPES = {
+    # Tiles of 16; surfels placed in the first frame are known in the second and live in the third.
+    "gibs": (3, 18, 17),
+}
+SHAPE_OF_OTHERS = (2, 11, 9)  # tiles of 8; the second frame meets what the first left
+SMALL = {
+    "sh_order": 2,
+    "probes": 3,
+    "relight_samples": 40,
+    "transport_rays": 24,
+    "rays": 40,
+    "distance_texels": 9,  # more texels than the largest group has work-items
+    "surfels": 300,
+    "ray_budget": 400,
+    "grid_cells": 6,
+    "placement_chance": 1.0,
+}
+PROFILE = replace(load_profile("iphone7"), simd_width=1)
+MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))
+
+
+class InlinePool:
+    """A thread pool that works in the thread that asks.
+
+    Oclgrind 21.10 keeps its shadow of memory per thread and makes the one of the thread that opened
+    the context only: any other thread that copies or runs anything crashes it.
+    """
+
+    def __init__(self, threads: int) -> None: ...
+
+    def __enter__(self) -> InlinePool:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_result(work(*arguments))
+        return future
+
+
+@dataclass(frozen=True)
+class TellingProgram(HostProgram):
+    """Tells Oclgrind what the host writes into memory that it shares with the kernels.
+
+    Nothing is released: Oclgrind 21.10 lets go of buffers before it has run what uses them, and
+    takes a new one that comes to lie where a released one was for uninitialised.
+    """
+
+    KEPT: ClassVar[list[Shared]] = []
+
+    # By kernel, which argument the host has written to since the last launch.
+    WRITTEN: ClassVar[dict[str, int]] = {"connect": -1, "shade": -1, "resolve": -2}
+
+    def share(self, array: np.ndarray) -> Shared:
+        self.tell(shared := self.untold(array))
+        return shared
+
+    def empty(self, shape: Any, dtype: Any) -> Shared:
+        return self.untold(np.empty(shape, dtype))
+
+    def untold(self, array: np.ndarray) -> Shared:
+        self.KEPT.append(shared := super().share(array))
+        return shared
+
+    def run(self, name: str, count: int, *arguments: Any) -> None:
+        if name in self.WRITTEN:
+            self.tell(arguments[self.WRITTEN[name]])
+        super().run(name, count, *arguments)
+
+    def tell(self, shared: Shared) -> None:
+        cl.enqueue_copy(self.queue, shared.buffer, shared.array)
+
+
+def bake(case: Case, cache: Path) -> None:
+    """Bake a technique's scene into ``cache``."""
+    baked(case, cache)
+
+
+def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
+    spec = find_technique(case.technique)
+    known = spec.settings_type.__dataclass_fields__
+    small = {name: value for name, value in SMALL.items() if name in known}
+    scene = build("cornell-box")
+    settings = spec.settings({**small, **case.settings})
+    context = BakeContext(scene, unwrap(scene, RECEIVERS), settings, cache)
+    return spec, context, spec.bake(context)
+
+
+def created(
+    case: Case, cache: Path, width: int, height: int
+) -> tuple[Technique, list[PreparedPass]]:
+    """A technique and its passes, ready for frames; in ``moving`` a box and a wall turn."""
+    spec, context, data = baked(case, cache)
+    scene = context.scene
+    motion = MovingObjects.of(scene, MOTIONS) if case.what == "moving" else None
+    made = spec.create(
+        CreateContext(
+            *(Device(PROFILE), scene, context.lightmap, context.settings, data),
+            *(case.variant, case.size, width, height, scene.cameras[0]),
+            motion=motion,
+        )
+    )
+    prepared = prepare_passes(made, case.size)
+    for item in prepared:
+        if item.problem:
+            raise SystemExit(f"{item.name}: {item.problem}")
+    return made, prepared
+
+
+def frames(case: Case, cache: Path) -> None:
+    """Create a technique, run some frames of it, draw its images and read its receivers."""
+    ran(case, cache).indirect_irradiance()
+
+
+def moving(case: Case, cache: Path) -> None:
+    """Run frames of a technique on a scene that moves."""
+    ran(case, cache)
+
+
+def ran(case: Case, cache: Path) -> Technique:
+    """A technique after its frames and images."""
+    count, width, height = SHAPES.get(case.technique, SHAPE_OF_OTHERS)
+    made, prepared = created(case, cache, width, height)
+    for frame in range(count):
+        enqueue_frame(made, prepared, frame)
+    made.images()
+    return made
+
+
+def roofs(case: Case, cache: Path) -> None:
+    """Measure the machine's roofs, with next to nothing to do."""
+    roofs_module._STREAM_BYTES = 4 * case.width * 50  # not a multiple of the items' stretch
+    roofs_module._ITEMS_PER_UNIT = 8 * case.size  # groups are an eighth of that
+    roofs_module._FMA_TURNS, roofs_module._LAUNCHES = 2, 1
+    roofs_module._REPEATS, roofs_module._RAYS = 1, 40
+    roofs_module.measure_roofs(PROFILE)
+
+
+def rays(case: Case, cache: Path) -> None:
+    """Closest and any hits of rays, singly and in packets: alike, apart, of one limit and many."""
+    rng = np.random.default_rng(0)
+    scene = build("cornell-box")
+    low, high = scene.bounds
+    origins = rng.uniform(low, high, (100, 3)).astype(np.float32)
+    directions = rng.normal(size=(100, 3)).astype(np.float32)
+    alike = slice(0, 64)
+    origins[alike] = (low + high) / 2
+    directions[alike] = rng.normal((0.3, 0.5, -1.0), 0.05, (64, 3))
+    limits = rng.uniform(0.1, 2.0, 100).astype(np.float32)
+    opened = Device(PROFILE)
+    tree = DeviceBvh.upload(opened, build_bvh(scene.corners))
+    for packets in (False, True):
+        tracer = DeviceTracer(opened, tree, case.size, 90, packets=packets)  # two launches
+        for limit in (np.inf, limits):
+            tracer.closest(origins, directions, limit)
+            tracer.occluded(origins, directions, limit)
+        tracer.release()
+
+
+def reference(case: Case, cache: Path) -> None:
+    """Trace a few paths from receivers and from the camera, three bounces each."""
+    host_cl._cpu = lambda: list_devices()[0]  # the simulator does not say that it is a CPU
+    held = host_cl.host_program(case.size)
+    telling = TellingProgram(held.context, held.queue, held.kernels, held.group)
+    wavefront.host_program = lambda: telling
+    scene = random_scene(np.random.default_rng(0))
+    packed, tracer = pack_scene(scene, 0), EmbreeTracer(scene.corners)
+    plane = image_plane(Camera((0.5, 0.5, 0.9), (0.5, 0.4, 0.0)), 5, 4)
+    starts = (
+        ReceiverStart(pack_fragments(lightmap_of(scene, range(12)).fragments)),
+        CameraStart(plane, 5, 4, indirect_only=False, plain=False),
+        CameraStart(plane, 5, 4, indirect_only=True, plain=True),
+    )
+    for start in starts:
+        mean = Wavefront(packed, tracer, start, 3).round(samples=3, seed=1)
+        assert np.isfinite(mean).all()
+        assert mean.max() > 0
+
+
+def suit_simulator(width: int) -> None:
+    """One thread, and vectors of ``width`` floats."""
+    os.cpu_count = lambda: 1
+    srp_bake.ThreadPoolExecutor = InlinePool  # type: ignore[misc,assignment]
+    Device.vector_width = property(lambda self: width)  # type: ignore[assignment]
+    transport.vector_width = lambda device: width
+
+
+def main(cache: Path, cases: list[Case]) -> None:
+    """Run ``cases`` and print the kernels."""
+    recorded = record_kernels()
+    for case in cases:
+        suit_simulator(case.width)
+        globals()[case.what](case, cache)
+    print(*sorted(recorded), sep="\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), [Case(**json.loads(text)) for text in sys.argv[2:]])

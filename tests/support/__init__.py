@@ -1,0 +1,1 @@
+"""Scenes, oracles and harnesses that tests share."""

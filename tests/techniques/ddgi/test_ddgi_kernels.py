@@ -1,0 +1,363 @@
+"""Every pass of DDGI against float64 NumPy on random inputs, at several work-group sizes."""
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from support.ddgi_oracle import (
+    FAR,
+    SIZES,
+    SMALL,
+    VARIANTS,
+    bias_of,
+    blended_distance,
+    blended_irradiance,
+    bordered,
+    create,
+    decode,
+    encode,
+    gather,
+    lookup,
+    randomise,
+    run_pass,
+    shade,
+    state_of,
+    surface,
+)
+from support.shading_oracle import render
+from support.synthetic_bake import random_lightmap, random_scene, random_unit
+
+from gibench.device import kernel_source
+from gibench.rays.embree import EmbreeTracer
+from gibench.techniques.parts.frame_scene import camera_table
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return random_scene(np.random.default_rng(7), 80)
+
+
+def rays_of(technique):
+    """What probe_shade stored: radiance (p, b, 3) and signed distance or what is blended of it."""
+    stored = technique.device.read(technique.blending.rays).astype(np.float64)
+    count = technique.probes.volume.probes
+    if technique.blending.lanes == 1:
+        return stored[..., :3], stored[..., 3]
+    lanes = np.moveaxis(stored, 3, 1).reshape(-1, *stored.shape[1:3])[:count]  # (p, b, planes)
+    return lanes[..., :3], lanes[..., 3:]
+
+
+def store_rays(technique, radiance, distance):
+    """Write rays in the variant's layout (kernels_cl/ddgi/rays.cl)."""
+    s = state_of(technique)
+    if technique.blending.lanes == 1:
+        packed = np.concatenate([radiance, distance[..., None]], axis=2)
+    else:
+        lanes, count = technique.blending.lanes, len(radiance)
+        d = np.minimum(np.where(distance < 0, -0.2 * distance, distance), s.longest) / s.longest
+        front = distance >= 0
+        planes = [radiance * front[..., None], front[..., None], d[..., None], d[..., None] ** 2]
+        full = np.zeros((-(-count // lanes) * lanes, radiance.shape[1], 6))
+        full[:count] = np.concatenate(planes, axis=2)
+        packed = np.moveaxis(full.reshape(-1, lanes, *full.shape[1:]), 1, 3)
+    technique.device.write(technique.blending.rays, packed)
+
+
+def random_rays(technique, rng):
+    """Radiance over two powers of ten; one ray in four on a back, in some probes more."""
+    s = state_of(technique)
+    shape = (len(s.state), s.settings.blended)
+    radiance = 10.0 ** rng.uniform(-1, 1, (*shape, 3)).astype(np.float32)
+    distance = rng.uniform(0.01, 1.3, shape) * s.longest
+    distance[rng.random(shape) < 0.1] = FAR
+    distance *= np.where(rng.random(shape) < rng.uniform(0, 0.4, (shape[0], 1)), -1, 1)
+    return radiance.astype(np.float64), distance.astype(np.float32).astype(np.float64)
+
+
+def inner(maps):
+    return maps[:, 1:-1, 1:-1].reshape(len(maps), -1, maps.shape[-1]).astype(np.float64)
+
+
+# -- octahedral maps and borders ---------------------------------------------------------------
+
+ROUND_TRIP = """
+__kernel void there_and_back(__global const float *square, __global const float *direction,
+                             __global float *squares, __global float *directions, int count)
+{
+    const int i = get_global_id(0);
+    if (i >= count)
+        return;
+    vstore2(octahedral_encode(octahedral_decode(vload2(i, square))), i, squares);
+    store3(directions, i, octahedral_decode(octahedral_encode(load3(direction, i))));
+}
+"""
+
+
+def test_octahedral_round_trip(scene):
+    technique = create(scene, SMALL)
+    device, count = technique.device, 20_000
+    rng = np.random.default_rng()
+    square = rng.uniform(-1, 1, (count, 2)).astype(np.float32)
+    direction = random_unit(rng, count)
+    direction[:6] = np.concatenate([np.eye(3), -np.eye(3)])
+    a, b = device.upload("square", square), device.upload("direction", direction)
+    c, d = device.upload("squares", square), device.upload("back", direction)
+    source = kernel_source("common/vec.cl") + kernel_source("common/octahedral.cl") + ROUND_TRIP
+    program = cl.Program(device.context, source).build()
+    arguments = (a.mem, b.mem, c.mem, d.mem, np.int32(count))
+    program.there_and_back(device.queue, (count,), None, *arguments)
+    np.testing.assert_allclose(device.read(c), square, atol=1e-6)
+    np.testing.assert_allclose(device.read(d), direction, atol=1e-6)
+    # And the maps agree with the definition in float64.
+    np.testing.assert_allclose(encode(decode(square)), square, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", range(4, 17))
+@pytest.mark.parametrize("storage", ["fp16", "fp32"])
+def test_borders_are_exact(scene, side, storage):
+    settings = {**SMALL, "irradiance_texels": side, "distance_texels": 20 - side,
+                "storage": storage}  # fmt: skip
+    technique = create(scene, settings)
+    rng, device = np.random.default_rng(side), technique.device
+    for size in (1 + 6 * (side % 2), 64):
+        expected = []
+        for maps in (technique.probes.irradiance, technique.probes.distance):
+            values = rng.uniform(0, 2, maps.shape).astype(maps.dtype)
+            device.write(maps, values)
+            expected.append(bordered(values))
+        run_pass(technique, "border_copy", size)
+        np.testing.assert_array_equal(device.read(technique.probes.irradiance), expected[0])
+        np.testing.assert_array_equal(device.read(technique.probes.distance), expected[1])
+
+
+@pytest.mark.parametrize("side", [4, 5, 9])
+def test_bordered_maps_are_continuous(side):
+    """Across the fold of the octahedral map a bilinear lookup does not jump."""
+    rng = np.random.default_rng(side)
+    map_ = bordered(rng.uniform(0, 1, (1, side + 2, side + 2, 1)))[0]
+    down = rng.uniform(-1, -0.05, 500)
+    r = np.sqrt(1 - down**2)
+    on_fold = np.stack([np.zeros(500), r * rng.choice([-1, 1], 500), down], axis=1)
+    aside = np.array([1e-9, 0.0, 0.0])
+    for order in ([0, 1, 2], [1, 0, 2]):
+        sides = [lookup(map_, (on_fold + sign * aside)[:, order]) for sign in (1, -1)]
+        assert np.abs(sides[0] - sides[1]).max() < 1e-6
+
+
+# -- tracing and shading -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_probe_trace(scene, size):
+    rng = np.random.default_rng(size)
+    technique = create(scene, SMALL)
+    randomise(technique, rng)
+    technique.begin_frame(size)
+    untouched = technique.device.read(technique.probes.hits)
+    run_pass(technique, "probe_trace", size)
+    s, device = state_of(technique), technique.device
+    origin = np.repeat(s.position, s.settings.rays, axis=0)
+    direction = np.tile(s.directions, (len(s.state), 1))
+    tracer = EmbreeTracer(scene.corners)
+    hits = tracer.closest(origin.astype(np.float32), direction.astype(np.float32))
+    certain = np.ones(len(origin), bool)
+    for _ in range(4):
+        near = direction + rng.uniform(-1, 1, direction.shape) * 2e-4
+        certain &= tracer.closest(origin.astype(np.float32), near.astype(np.float32)).triangle == (
+            hits.triangle
+        )
+    shape = (len(s.state), s.settings.rays)
+    fixed = s.settings.fixed
+    triangle, distance, certain = (
+        a.reshape(shape) for a in (hits.triangle, hits.distance, certain)
+    )
+    assert certain.mean() > 0.95
+    c = scene.corners[triangle].astype(np.float64)
+    normal = np.cross(c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :])
+    back = np.einsum("prc,rc->pr", normal, s.directions) > 0
+    signed = np.where(triangle < 0, FAR, np.where(back, -distance, distance))
+    found = device.read(technique.probes.fixed_distance)
+    np.testing.assert_allclose(
+        found[certain[:, :fixed]], signed[:, :fixed][certain[:, :fixed]], rtol=2e-4
+    )
+    assert (found < 0).any()
+    hit = device.read(technique.probes.hits)
+    active = (s.state & 1).astype(bool)
+    np.testing.assert_array_equal(hit[~active], untouched[~active])
+    which = certain[:, fixed:] & active[:, None]
+    ids = np.ascontiguousarray(hit[..., 3]).view(np.int32)
+    np.testing.assert_array_equal(ids[which], triangle[:, fixed:][which])
+    met = which & (triangle[:, fixed:] >= 0)
+    np.testing.assert_allclose(hit[..., 0][met], distance[:, fixed:][met], rtol=2e-4)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("size", SIZES)
+def test_probe_shade(scene, size, variant):
+    rng = np.random.default_rng(size)
+    technique = create(scene, SMALL, variant)
+    randomise(technique, rng, states=(0, 1, 3, 3))
+    frame = 17 + size
+    technique.begin_frame(frame)
+    run_pass(technique, "probe_trace", 64)
+    run_pass(technique, "probe_shade", size)
+    s = state_of(technique)
+    active = (s.state & 1).astype(bool)
+    hit = technique.device.read(technique.probes.hits)[active].reshape(-1, 4)
+    triangle = np.ascontiguousarray(hit[:, 3]).view(np.int32)
+    direction = np.tile(s.directions[s.settings.fixed :], (active.sum(), 1))
+    chosen = rng.choice(len(hit), 300, replace=False)
+    radiance, distance, certain = shade(
+        scene,
+        frame,
+        s,
+        direction[chosen],
+        (*hit[chosen, :3].astype(np.float64).T, triangle[chosen]),
+    )
+    assert certain.mean() > 0.85
+    found, kept = rays_of(technique)
+    found = found[active].reshape(-1, 3)[chosen]
+    np.testing.assert_allclose(found[certain], radiance[certain], rtol=5e-4, atol=1e-5)
+    kept = kept[active].reshape(len(hit), -1)[chosen]
+    if variant == "published":
+        np.testing.assert_allclose(kept[certain, 0], distance[certain], rtol=1e-6)
+    else:
+        d = np.minimum(np.where(distance < 0, -0.2 * distance, distance), s.longest) / s.longest
+        expected = np.stack([distance >= 0, d, d**2], axis=1)
+        np.testing.assert_allclose(kept[certain], expected[certain], rtol=1e-5)
+
+
+# -- blending ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("more", [{}, {"gamma": 2.5, "distance_exponent": 7.5}])
+def test_blending(scene, size, variant, more):
+    rng = np.random.default_rng(size)
+    # 700 bytes of local memory hold 25 of 41 rays for irradiance, 43 for distance.
+    settings = {**SMALL, "storage": "fp32", **more}
+    technique = create(scene, settings, variant, local_memory=700)
+    randomise(technique, rng, states=(0, 1, 3, 3))
+    technique.begin_frame(3)
+    radiance, distance = random_rays(technique, rng)
+    store_rays(technique, radiance, distance)
+    s, device, probes = state_of(technique), technique.device, technique.probes
+    device.write(probes.accepted, np.full(len(s.state), -1))
+    run_pass(technique, "blend_irradiance", size)
+    run_pass(technique, "blend_distance", size)
+    maps, variation, accepted, certain = blended_irradiance(s, radiance, distance)
+    active = (s.state & 1).astype(bool)
+    assert 3 < accepted[active].sum() < active.sum()
+    expected = np.where(active, accepted, -1)
+    np.testing.assert_array_equal(device.read(probes.accepted), expected)
+    taken = active & accepted
+    before, found = inner(s.irradiance)[..., :3], inner(device.read(probes.irradiance))[..., :3]
+    np.testing.assert_array_equal(found[~taken], before[~taken])
+    assert certain.mean() > 0.98
+    which = taken[:, None] & certain
+    np.testing.assert_allclose(found[which], maps[which], rtol=2e-5)
+    cv = device.read(probes.variability)
+    np.testing.assert_allclose(cv[which], variation[which], rtol=1e-3, atol=2e-5)
+    # Falls and rises beyond the thresholds both occur.
+    fall, rise = (before - found)[which].max(), (found - before)[which].max()
+    assert fall > 0.05
+    assert rise > 0.01
+    distances = inner(device.read(probes.distance))
+    expected = np.where(active[:, None, None], blended_distance(s, distance), inner(s.distance))
+    np.testing.assert_allclose(distances, expected, rtol=5e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_fp16_rounding_keeps_the_mean(scene, variant):
+    """Stored values lie one step of fp16 from the exact ones at most, and not to one side."""
+    rng = np.random.default_rng(0)
+    technique = create(scene, {**SMALL, "distance_texels": 14}, variant)
+    randomise(technique, rng, states=(3,))
+    technique.begin_frame(5)
+    radiance, distance = random_rays(technique, rng)
+    distance = np.abs(distance)
+    store_rays(technique, radiance, distance)
+    s = state_of(technique)
+    run_pass(technique, "blend_irradiance", 64)
+    run_pass(technique, "blend_distance", 64)
+    read, probes = technique.device.read, technique.probes
+    maps, _, _, certain = blended_irradiance(s, radiance, distance)
+    pairs = (
+        (inner(read(probes.irradiance))[..., :3][certain], maps[certain]),
+        (inner(read(probes.distance)), blended_distance(s, distance)),
+    )
+    for found, exact in pairs:
+        step = np.spacing(exact.astype(np.float16)).astype(np.float64)
+        error = ((found - exact) / step).ravel()
+        assert np.abs(error).max() < 1.02
+        assert np.abs(error.mean()) < 4 * error.std() / np.sqrt(len(error))
+        assert error.std() > 0.3
+
+
+# -- the gather --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("variant", ["published", "tuned"])
+@pytest.mark.parametrize("storage", ["fp16", "fp32"])
+@pytest.mark.parametrize("more", [{}, {"gamma": 1.0, "normal_bias": 0.4}, {"gamma": 3.3}])
+def test_gather_at_receivers(scene, variant, storage, more):
+    rng = np.random.default_rng(3)
+    lightmap = random_lightmap(rng, scene, 300, 20, 20)
+    # The volume is smaller than the scene: some receivers lie outside it.
+    place = {"origin": "-0.6,-0.5,-0.4", "spacing": "0.3,0.4,0.5"}
+    settings = {**SMALL, **place, "storage": storage, **more}
+    for size in (7, 64):
+        technique = create(scene, settings, variant, size, lightmap)
+        randomise(technique, rng, states=(0, 2, 3, 3, 3))
+        technique.probes.scroll_to((0.7, 0.1, -0.4))
+        s = state_of(technique)
+        r = lightmap.receivers
+        normal = r.normal.astype(np.float64)
+        bias = bias_of(s, normal, normal)
+        expected, certain = gather(s, r.position.astype(np.float64), bias, normal)
+        found = technique.indirect_irradiance()
+        assert certain.mean() > 0.9
+        np.testing.assert_allclose(found[certain], expected[certain], rtol=1e-3, atol=1e-5)
+        assert (expected == 0).all(axis=1).any()
+        assert (expected > 0).mean() > 0.4
+
+
+@pytest.mark.parametrize("size", [7, 64])
+def test_application(scene, size):
+    rng = np.random.default_rng(size)
+    technique = create(scene, SMALL, image=(21, 19), size=size)
+    randomise(technique, rng, states=(0, 3, 3))
+    technique.begin_frame(40)
+    run_pass(technique, "application", size)
+    found = technique.device.read(technique.scene.image)
+    s, camera = state_of(technique), scene.cameras[0]
+    view = render(scene, 40, 21, 19)
+    # The indirect part, from the pixels' own rays.
+    eye, forward, right, up = camera_table(camera, 21, 19).astype(np.float64).reshape(4, 3)
+    y, x = np.divmod(np.arange(21 * 19), 21)
+    d = forward + ((x + 0.5) / 21 * 2 - 1)[:, None] * right + (1 - (y + 0.5) / 19 * 2)[:, None] * up
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    origin = np.broadcast_to(eye, d.shape).astype(np.float32)
+    hits = EmbreeTracer(scene.corners).closest(origin, d.astype(np.float32))
+    hit = np.flatnonzero(hits.triangle >= 0)
+    f = surface(scene, hits.triangle[hit], *(a[hit].astype(np.float64) for a in (hits.u, hits.v)))
+    bias = bias_of(s, f.geometric, -d[hit])
+    irradiance, inside = gather(s, f.position, bias, f.normal)
+    front = np.einsum("ij,ij->i", f.geometric, d[hit]) < 0
+    indirect, certain = np.zeros((399, 3)), view.certain.ravel()
+    indirect[hit] = np.where(front[:, None], f.albedo / np.pi * irradiance, 0)
+    certain[hit] &= inside
+    expected = view.direct.reshape(-1, 3) + indirect
+    assert certain.mean() > 0.8
+    assert indirect[certain].max() > 0.1
+    np.testing.assert_allclose(
+        found.reshape(-1, 3)[certain], expected[certain], rtol=2e-3, atol=2e-5
+    )
+    images = technique.images()
+    np.testing.assert_array_equal(images["frame"], found)
+    np.testing.assert_allclose(
+        images["frame"], images["direct only"] + images["indirect only"], rtol=1e-5, atol=1e-6
+    )
+
+
+# -- relocation, classification, variability ---------------------------------------------------

@@ -1,0 +1,221 @@
+"""GIBS's gathering, depth test and coverage against independent float64 NumPy on random inputs."""
+
+import numpy as np
+import pyopencl as cl
+import pytest
+from support.gibs_surfels import (
+    BOUNDS,
+    STRETCH,
+    any_size_device,
+    defines,
+    frame_words,
+    geometry,
+    run,
+    sort_launches,
+    surfel_grid,
+    unit_vectors,
+)
+from support.vector_widths import widths
+
+from gibench.device import kernel_source
+from gibench.techniques.gibs.grid import PerspectiveGrid, UniformGrid
+from gibench.techniques.technique import Launch
+
+# -- gathering --------------------------------------------------------------------------------
+
+
+def disk_to_square(x, y):
+    """Shirley and Chiu 1997 by polar angle, float64; the inverse of the concentric map."""
+    r, phi = np.hypot(x, y), np.arctan2(y, x)
+    phi = np.where(phi < -np.pi / 4, phi + 2 * np.pi, phi)
+    quarter = np.floor((phi + np.pi / 4) / (np.pi / 2)).astype(int) % 4
+    t = phi * 4 / np.pi
+    a = np.select([quarter == 0, quarter == 1, quarter == 2], [r, -r * (t - 2), -r], r * (t - 6))
+    b = np.select([quarter == 0, quarter == 1, quarter == 2], [r * t, r, -r * (t - 4)], -r)
+    return a, b
+
+
+def basis(n):
+    """Duff et al. 2017 for (k, 3) normals."""
+    sign = np.copysign(1.0, n[:, 2])
+    a = -1 / (sign + n[:, 2])
+    b = n[:, 0] * n[:, 1] * a
+    t = np.stack([1 + sign * n[:, 0] ** 2 * a, sign * b, -sign * n[:, 0]], 1)
+    return t, np.stack([b, sign + n[:, 1] ** 2 * a, -n[:, 1]], 1)
+
+
+def visibility(moments, normal, offset):
+    """(k,) for k surfels and the offsets of one point from them, float64."""
+    distance = np.linalg.norm(offset, axis=1)
+    direction = offset / distance[:, None]
+    t, b = basis(normal)
+    x, y = (direction * t).sum(1), (direction * b).sum(1)
+    below = (direction * normal).sum(1) < 0
+    size = np.where(below, np.hypot(x, y), 1.0)
+    at = np.stack(disk_to_square(x / size, y / size), 1)
+    at = np.clip((at + 1) * 2 - 0.5, 0, 3)
+    low = np.floor(at).astype(int)
+    high = np.minimum(low + 1, 3)
+    f = at - low
+    k = np.arange(len(normal))
+    m = moments.reshape(-1, 3, 4, 4)
+
+    def mixed(which):
+        v = m[:, which]
+        top = v[k, low[:, 1], low[:, 0]] * (1 - f[:, 0]) + v[k, low[:, 1], high[:, 0]] * f[:, 0]
+        end = v[k, high[:, 1], low[:, 0]] * (1 - f[:, 0]) + v[k, high[:, 1], high[:, 0]] * f[:, 0]
+        return top * (1 - f[:, 1]) + end * f[:, 1]
+
+    mean, square = mixed(0), mixed(1)
+    variance, beyond = np.maximum(square - mean**2, 0), distance - mean
+    bound = variance / (variance + beyond**2)
+    return np.where(beyond <= 0, 1.0, bound**3)
+
+
+def gathered(x, n, position, normal, radius, irradiance, moments):
+    """Irradiance and coverage of one point from all surfels there are, float64."""
+    o = x - position
+    h = (o * normal).sum(1)
+    d = np.sqrt((o * o).sum(1) + (STRETCH**2 - 1) * h * h)
+    t = np.clip(1 - d / radius, 0, 1)
+    w = t * t * (3 - 2 * t) * np.maximum(normal @ n, 0)
+    if moments is not None:
+        w = w * visibility(moments, normal, o)
+    return np.append(
+        (w[:, None] * irradiance).sum(0) / w.sum() if w.sum() else np.zeros(3), w.sum()
+    )
+
+
+@pytest.mark.parametrize("depth", [False, True])
+@pytest.mark.parametrize(
+    ("vec", "published"), widths((1, True), *((v, False) for v in (1, 2, 4, 8, 16)))
+)
+@pytest.mark.parametrize("kind", ["uniform", "perspective"])
+def test_gathering_equals_the_sum_over_all_surfels(kind, published, vec, depth):
+    rng = np.random.default_rng()
+    n, points = 1200, 200
+    # Surfels on a few planes, facing a few ways, as in a scene.
+    position = rng.uniform(*BOUNDS, (n, 3))
+    axis = rng.integers(0, 3, n)
+    position[np.arange(n), axis] = BOUNDS[1][axis] * rng.integers(0, 4, n) / 3
+    normal = 0.2 * rng.normal(size=(n, 3))
+    normal[np.arange(n), axis] += rng.choice([-1, 1], n)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    camera = np.array([0.4, 0.3, 0.5])
+    grid = UniformGrid.around(BOUNDS, 8) if kind == "uniform" else PerspectiveGrid(0.2, 8, 12)
+    device = any_size_device()
+    frame = frame_words(n, camera=camera, angle=0.15, least=0.04, most=min(grid.largest_radius, 9))
+    surfels = geometry(device, position, normal, frame)
+    moments = np.zeros((n, 48), np.float32)
+    moments[:, :16] = rng.uniform(0.02, 0.3, (n, 16))
+    moments[:, 16:32] = moments[:, :16] ** 2 + rng.uniform(1e-4, 1e-2, (n, 16))
+    device.write(surfels.nearest, moments[:, :16].min(1))
+    sorter = surfel_grid(device, grid, surfels, published, stretch=STRETCH)
+    device.write(sorter.table, grid.table(camera))
+    run(device, sort_launches(sorter, n))
+
+    near = rng.integers(0, n, points)
+    x = (position[near] + rng.normal(scale=0.02, size=(points, 3))).astype(np.float32)
+    facing = (normal[near] + 0.3 * rng.normal(size=(points, 3))).astype(np.float32)
+    facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+    program = device.program(
+        "gibs/application.cl", {**sorter.defines, "VEC": vec, "DEPTH": depth, "GUIDING": False}
+    )
+    out = device.empty("out", (points, 4), np.float32)
+    args = (
+        sorter.table,
+        *sorter.list_bounds,
+        sorter.ids,
+        sorter.packed or sorter.ids,
+        surfels.world_position,
+        surfels.world_normal,
+        surfels.radii,
+        surfels.mean,
+        device.upload("moments", moments),
+        device.upload("x", x),
+        device.upload("n", facing),
+        np.int32(points),
+        out,
+    )
+    run(device, [Launch(program, "gather_points", args, items=points)])
+    radius, mean = device.read(surfels.radii), device.read(surfels.mean).T
+    p, m = (device.read(b).T.astype(np.float64) for b in (surfels.world_position,
+                                                         surfels.world_normal))  # fmt: skip
+    expected = [
+        gathered(a.astype(np.float64), b.astype(np.float64), p, m, radius, mean,
+                 moments.astype(np.float64) if depth else None)
+        for a, b in zip(x, facing, strict=True)
+    ]  # fmt: skip
+    # The depth test's arc tangent is good to 0.002 (kernels_cl/gibs/depth.cl), moments differ by
+    # 0.3 m from texel to texel, and the bound's cube is steep.
+    tolerance = 0.02 if depth else 2e-5
+    np.testing.assert_allclose(device.read(out), expected, atol=tolerance)
+    assert np.mean(np.array(expected)[:, 3] > 0.1) > 0.2
+
+
+def test_hemisphere_texels_are_equally_likely_and_found_again():
+    """16 texels, area-preserving: directions through the centres and random ones come back."""
+    device = any_size_device()
+    source = (
+        kernel_source("gibs/depth.cl")
+        + """
+    __kernel void round_trip(__global const float *normal, __global const float2 *square,
+                             __global float *direction, __global float2 *back)
+    {
+        const int i = get_global_id(0);
+        const float3 d = hemisphere_direction(load3(normal, i), square[i]);
+        store3(direction, i, d);
+        back[i] = hemisphere_square(load3(normal, i), d);
+    }"""
+    )
+    rng = np.random.default_rng()
+    n = 4096
+    normal = unit_vectors(n, rng)
+    square = rng.uniform(-1, 1, (n, 2)).astype(np.float32)
+    out = device.empty("direction", (n, 3), np.float32), device.empty("back", (n, 2), np.float32)
+    built = cl.Program(device.context, source).build()
+    built.round_trip(device.queue, (n,), (64,), device.upload("n", normal).mem,
+                     device.upload("s", square).mem, out[0].mem, out[1].mem)  # fmt: skip
+    direction, back = map(device.read, out)
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=1), 1, atol=1e-5)
+    np.testing.assert_allclose(back, square, atol=4e-3)
+    cosine = (direction.astype(np.float64) * normal).sum(1)
+    # Cosine-distributed: cos^2 is uniform in [0, 1]; 4096 samples, 5 standard errors.
+    assert abs(np.mean(cosine**2) - 0.5) < 5 * np.sqrt(1 / 12 / n)
+    assert np.all(cosine >= 0)
+
+
+# -- coverage ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1, 24, 64, 256, 512])
+@pytest.mark.parametrize(("width", "height"), [(16, 16), (50, 37), (7, 3)])
+def test_every_tile_finds_its_least_covered_pixel(size, width, height):
+    rng = np.random.default_rng()
+    covered = rng.choice([0.0, 0.25, 0.9999, 1.0, 3.7, 1e9], (height, width))
+    surface = rng.random((height, width)) < 0.8
+    g = np.zeros((height, width, 4), np.float32)
+    g[..., 3] = np.where(surface, 3, 0).astype(np.int32).view(np.float32)
+    indirect = np.zeros((height, width, 4), np.float32)
+    indirect[..., 3] = covered
+    across, down = -(-width // 16), -(-height // 16)
+    device = any_size_device()
+    least = device.empty("least", across * down, np.uint32)
+    args = (
+        device.upload("g", g),
+        device.upload("indirect", indirect),
+        np.int32(width),
+        np.int32(height),
+        least,
+    )
+    program = device.program("gibs/life.cl", defines(10))
+    run(device, [Launch(program, "coverage", args, groups=across * down)], size)
+    expected = np.full(across * down, 0xFFFFFFFF, np.uint64)
+    steps = np.minimum(np.rint(np.float32(covered) * np.float32(4096)), 2**24 - 1)
+    for y in range(height):
+        for x in range(width):
+            if surface[y, x]:
+                tile = y // 16 * across + x // 16
+                word = int(steps[y, x]) << 8 | (y % 16) * 16 + x % 16
+                expected[tile] = min(expected[tile], word)
+    np.testing.assert_array_equal(device.read(least), expected)

@@ -1,0 +1,91 @@
+"""What GIBS refuses, in one clear line; memory in closed form."""
+
+from dataclasses import replace
+
+import pytest
+from support.gibs_scenes import Frames, furnished, gibs
+
+from gibench.errors import BadInput, CannotRun
+from gibench.profiles import load_profile
+from gibench.techniques.gibs import SPEC, GibsSettings
+from gibench.techniques.registry import PUBLISHED, TUNED, find_technique
+
+
+def test_it_is_found_by_name():
+    assert find_technique("gibs") is SPEC
+    assert set(SPEC.variants) == {PUBLISHED, TUNED}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("ray_budget", 0),
+        ("surfels", 0),
+        ("surfels", -5),
+        ("radius_share", -0.1),
+        ("radius_share", float("nan")),
+        ("smallest_radius", 0.0),
+        ("rays_per_surfel", 0.0),
+        ("grid", "octree"),
+        ("grid_cells", 1),
+        ("grid_cells", 100_000),
+        ("normal_stretch", 0.5),
+        ("placement_chance", 1.5),
+        ("recycle_chance", -0.1),
+        ("recycle_pressure_from", 1.0),
+        ("estimator", "median"),
+    ],
+)
+def test_a_wrong_setting_is_refused_by_name(name, value):
+    with pytest.raises(BadInput) as error:
+        SPEC.settings({name: value})
+    message = str(error.value)
+    assert f"gibs.{name}" in message
+    assert "\n" not in message
+
+
+def test_more_surfels_than_the_budget_holds():
+    profile = replace(load_profile("iphone7"), memory_budget_bytes=200_000_000)
+    with pytest.raises(CannotRun, match="1,000,000 surfels") as error:
+        gibs(furnished(), profile=profile, surfels=1_000_000)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("variant", [PUBLISHED, TUNED])
+@pytest.mark.parametrize("grid", ["uniform", "perspective"])
+@pytest.mark.parametrize("depth", [True, False])
+def test_memory_is_known_in_closed_form(variant, grid, depth):
+    technique = gibs(
+        furnished(), variant, surfels=777, grid=grid, depth_moments=depth, ray_guiding=not depth
+    )
+    assert technique.nbytes == technique.device.memory.total_bytes
+    floor = SPEC.memory_floor(technique.scene.scene, 0, technique.settings, 64, 48)
+    assert 0.2 * technique.nbytes < floor <= technique.nbytes
+
+
+def test_work_is_declared_for_every_pass():
+    technique = gibs(furnished(), surfels=500, placement_chance=1.0)
+    Frames(technique).run(5)
+    passes = {item.name: item for item in technique.passes()}
+    sorting = ["transform_and_count", "prefix_sum", "finalise"]
+    light = ["irradiance", "gbuffer", "application"]
+    assert list(passes) == [*sorting, *light, "coverage", "placement", "recycling"]
+    assert passes["irradiance"].work.rays == technique.life()["alive"] - technique.life()["placed"]
+    assert passes["gbuffer"].work.rays == 64 * 48
+    assert all(item.work.bytes_read or item.work.bytes_written for item in passes.values())
+
+
+def test_no_more_rays_than_the_budget():
+    technique = gibs(furnished(), surfels=500, placement_chance=1.0, ray_budget=7)
+    Frames(technique).run(12)
+    assert technique.life()["alive"] > 7
+    assert {p.name: p for p in technique.passes()}["irradiance"].work.rays == 7
+    first = technique.device.read(technique.surfels.ray_first)
+    assert first[technique.life()["alive"] - technique.life()["placed"]] == 7
+
+
+def test_defaults_are_the_thesis_values():
+    settings = GibsSettings()
+    assert settings.placement_chance == 0.08
+    assert settings.placement_threshold == 1.0
+    assert settings.rays_per_surfel == 1.0

@@ -1,0 +1,200 @@
+"""The store: resumed, damaged, killed, full, shared by two runs."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.srp_setups import bake
+from support.tiny_scenes import room
+
+from gibench.bake import store as store_module
+from gibench.bake.store import BakeStore
+from gibench.errors import BadInput, CannotRun
+from gibench.techniques.srp.bake.settings import SrpBakeSettings
+from gibench.techniques.srp.bake.stages import BakeReport, bake_key
+
+
+def same(a, b):
+    assert np.array_equal(a.probes.positions, b.probes.positions)
+    assert a.probes.radius == b.probes.radius
+    assert np.array_equal(a.relight.texel, b.relight.texel)
+    assert np.array_equal(a.relight.basis, b.relight.basis)
+    assert len(a.clusters) == len(b.clusters)
+    for x, y in zip(a.clusters, b.clusters, strict=True):
+        for name in ("receivers", "probes", "projection", "reconstruction"):
+            assert np.array_equal(getattr(x, name), getattr(y, name))
+    assert (a.usable_share, a.overlap) == (b.usable_share, b.overlap)
+    return True
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bake")
+    return folder, bake(folder)
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*/cluster-*.bin"))
+
+
+def copy_of(baked, target: Path) -> Path:
+    for file in baked[0].rglob("*"):
+        if file.is_file():
+            (target / file.parent.name).mkdir(parents=True, exist_ok=True)
+            (target / file.parent.name / file.name).write_bytes(file.read_bytes())
+    return target
+
+
+def test_bake_holds_every_receiver_once(baked):
+    result = baked[1]
+    held = np.sort(np.concatenate([c.receivers for c in result.clusters]))
+    assert np.array_equal(held, np.arange(len(room(5)[1].receivers)))
+    assert len(result.probes) == 6
+    assert result.coefficients == 9
+    assert result.usable_share > 0.99
+    assert all(c.projection.shape[1] == 9 * len(c.probes) for c in result.clusters)
+
+
+def test_same_seed_same_bits_whatever_the_workers(baked, tmp_path):
+    assert same(baked[1], bake(tmp_path, workers=1, chunk_rays=500))
+    other = bake(tmp_path, seed=1)
+    assert not np.array_equal(other.relight.directions, baked[1].relight.directions)
+
+
+def test_second_bake_computes_nothing(baked, tmp_path):
+    report = BakeReport()
+    assert same(baked[1], bake(copy_of(baked, tmp_path), report))
+    assert report.units_baked == 0
+    assert report.units_loaded == len(files(baked[0])) >= 8
+
+
+@pytest.mark.parametrize("damage", ["missing", "flipped", "truncated", "empty", "swapped"])
+def test_damage_is_found_and_only_that_is_baked_again(baked, tmp_path, damage):
+    folder = copy_of(baked, tmp_path)
+    victim, neighbour = files(folder)[3:5]
+    content = bytearray(victim.read_bytes())
+    content[len(content) // 2] ^= 1
+    if damage == "missing":
+        victim.unlink()
+    elif damage == "swapped":  # a sound file with another leaf's receivers
+        victim.write_bytes(neighbour.read_bytes())
+    else:
+        kept = {"flipped": content, "truncated": content[:100], "empty": b""}[damage]
+        victim.write_bytes(kept)
+    report = BakeReport()
+    assert same(baked[1], bake(folder, report))
+    assert report.units_baked == 1
+
+
+@pytest.mark.parametrize("name", ["probes.bin", "relight.bin"])
+def test_damaged_probes_and_relight_samples_are_made_again(baked, tmp_path, name):
+    folder = copy_of(baked, tmp_path)
+    next(folder.glob(f"*/{name}")).write_bytes(b"GIBENCH1 not this")
+    assert same(baked[1], bake(folder))
+
+
+RUN = """
+import sys, json
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+from support.srp_setups import bake
+from gibench.techniques.srp.bake.stages import BakeReport
+report = BakeReport()
+bake(Path(sys.argv[1]), report, workers=1, **json.loads(sys.argv[2]))
+print(report.units_baked, report.units_loaded)
+"""
+
+
+def start(folder: Path, **changed) -> subprocess.Popen:
+    code = RUN.format(tests=str(Path(__file__).parents[2]))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(folder), json.dumps(changed)],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_a_stopped_run_goes_on_where_it_was(tmp_path, how):
+    slow = {"transport_rays": 8192}
+    run = start(tmp_path, **slow)
+    deadline = time.monotonic() + 60
+    while len(files(tmp_path)) < 2 and run.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    run.send_signal(how)
+    run.wait(30)
+    done = len(files(tmp_path))
+    assert run.returncode != 0
+    assert done >= 2
+    leftovers = list(tmp_path.glob("*/*.tmp"))
+    report = BakeReport()
+    result = bake(tmp_path, report, **slow)
+    assert report.units_loaded == done
+    assert report.units_baked > 0
+    assert not list(tmp_path.glob("*/*.tmp")), leftovers
+    held = np.sort(np.concatenate([c.receivers for c in result.clusters]))
+    assert np.array_equal(held, np.arange(len(room(5)[1].receivers)))
+
+
+def test_two_runs_at_once_share_the_work(baked, tmp_path):
+    runs = [start(tmp_path), start(tmp_path)]
+    outputs = [run.communicate(timeout=60)[0].split() for run in runs]
+    assert all(run.returncode == 0 for run in runs)
+    # One bakes, the other waits and then finds everything there.
+    assert sorted(int(out[0]) for out in outputs) == [0, len(files(baked[0]))]
+    assert same(baked[1], bake(tmp_path))
+
+
+def test_full_disk_is_one_clear_error_and_leaves_nothing_behind(tmp_path, monkeypatch):
+    store = BakeStore(tmp_path, "ab" * 20, {})
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(store_module.os, "fsync", full)
+    with pytest.raises(CannotRun, match="disk is full") as caught:
+        store.save("cluster-00000", {"a": np.zeros(3)})
+    assert "--cache-dir" in str(caught.value)
+    assert not list(store.path.glob("*.tmp"))
+    assert store.load("cluster-00000") is None
+
+
+def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="cannot be stored"):
+        BakeStore(tmp_path / "file" / "below", "ab" * 20, {})
+
+
+def test_key_follows_content_and_settings_but_not_speed():
+    scene, lightmap = room(3)
+    base = bake_key(scene, lightmap, SrpBakeSettings(), 0)
+    assert base == bake_key(*room(3), SrpBakeSettings(workers=1, chunk_rays=99), 0)
+    others = [
+        bake_key(scene, lightmap, SrpBakeSettings(transport_rays=4095), 0),
+        bake_key(scene, lightmap, SrpBakeSettings(), 1),
+        bake_key(*room(4), SrpBakeSettings(), 0),
+        bake_key(*room(3, open_top=True), SrpBakeSettings(), 0),
+    ]
+    assert len({base, *others}) == 5
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"sh_order": 8}, {"sh_order": -1}, {"probes": 0}, {"transport_rays": 0}, {"overlap": 0.0},
+        {"svd_threshold": -0.1},
+        {"least_valid": 1.0}, {"visibility": "perhaps"}, {"workers": 0},
+    ],
+)  # fmt: skip
+def test_settings_out_of_range_are_bad_input(wrong):
+    with pytest.raises(BadInput):
+        SrpBakeSettings(**wrong)

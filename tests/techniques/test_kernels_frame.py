@@ -1,0 +1,162 @@
+"""The kernels that every technique shares, against float64 NumPy and Embree."""
+
+import numpy as np
+import pytest
+from support.shading_oracle import direct_irradiance, open_device, render
+from support.synthetic_bake import random_lightmap, random_scene
+
+from gibench.techniques.launching import prepare_launch
+from gibench.techniques.parts.frame_scene import (
+    FrameLightmap,
+    FrameScene,
+    border_texels,
+    frame_scene_bytes,
+    srgb_codes,
+    srgb_to_linear,
+)
+from gibench.techniques.parts.shared_passes import (
+    SHOW_DIRECT,
+    SHOW_INDIRECT,
+    dilate,
+    forward_launch,
+    lightmap_update,
+)
+
+SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
+
+
+def run(device, launches, workgroup_size):
+    for launch in launches:
+        prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
+
+
+@pytest.mark.parametrize("packets", [False, True])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_forward_render(seed, packets):
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng)
+    lightmap = random_lightmap(rng, scene, 200, 23, 17)
+    values = rng.uniform(0, 2, (17, 23, 4)).astype(np.float32)
+    width, height, frame = 51, 37, 31
+    expected = render(scene, frame, width, height, lightmap, values[..., :3].astype(np.float64))
+    assert expected.certain.mean() > 0.9
+    device = open_device()
+    shared = FrameScene(device, scene, width, height, scene.cameras[0])
+    receivers = FrameLightmap.upload(device, lightmap)
+    indirect = device.upload("values", values)
+    shared.begin_frame(frame)
+    wanted = {
+        SHOW_DIRECT: expected.direct,
+        SHOW_INDIRECT: expected.indirect,
+        SHOW_DIRECT | SHOW_INDIRECT: expected.direct + expected.indirect,
+    }
+    images = []
+    for size, (show, image) in zip((7, 64, 100), wanted.items(), strict=True):
+        run(device, [forward_launch(shared, receivers, indirect, show, packets)], size)
+        found = device.read(shared.image)
+        np.testing.assert_allclose(
+            found[expected.certain], image[expected.certain], rtol=2e-4, atol=2e-5
+        )
+        images.append(found)
+    assert images[0].max() > 0.5
+    assert images[1].max() > 0.05
+    # Built without a lightmap it shows the direct light, whatever it is asked for.
+    run(device, [forward_launch(shared, packets=packets)], 1)
+    np.testing.assert_array_equal(device.read(shared.image), images[0])
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("bounces", [False, True])
+def test_lightmap_update(size, bounces):
+    rng = np.random.default_rng(size + bounces)
+    scene = random_scene(rng)
+    lightmap = random_lightmap(rng, scene, 333, 25, 40)
+    device = open_device()
+    shared = FrameScene(device, scene, 8, 8, scene.cameras[0])
+    receivers = FrameLightmap.upload(device, lightmap)
+    last = rng.uniform(0, 2, (1000, 4)).astype(np.float32)
+    indirect, radiance = device.upload("last", last), receivers.new_map("radiance")
+    shared.begin_frame(100)
+    declared = lightmap_update(shared, receivers, indirect, radiance, bounces)
+    run(device, declared.launches(), size)
+    r = lightmap.receivers
+    normal = r.normal.astype(np.float64)
+    lit = direct_irradiance(scene, 100, r.position, normal, normal)
+    irradiance = lit.irradiance + (last[r.texel, :3] if bounces else 0)
+    expected = r.emission + r.albedo / np.pi * irradiance
+    found = device.read(radiance)
+    assert lit.certain.mean() > 0.9
+    np.testing.assert_allclose(
+        found[r.texel[lit.certain], :3], expected[lit.certain], rtol=2e-4, atol=2e-5
+    )
+    outside = np.setdiff1d(np.arange(1000), r.texel)
+    assert not found[outside].any()
+    assert 0 < declared.work.rays <= 3 * 333
+
+
+def test_lightmap_update_counts_its_rays_in_the_frame_last_run():
+    rng = np.random.default_rng(7)
+    scene = random_scene(rng)
+    lightmap = random_lightmap(rng, scene, 333, 25, 40)
+    device = open_device()
+    shared = FrameScene(device, scene, 8, 8, scene.cameras[0])
+    receivers = FrameLightmap.upload(device, lightmap)
+    maps = receivers.new_map("indirect"), receivers.new_map("radiance")
+    declared = lightmap_update(shared, receivers, *maps, True)
+    r = lightmap.receivers
+    normal = r.normal.astype(np.float64)
+    counts = []
+    for frame in (0, 60, 180):
+        shared.begin_frame(frame)
+        lit = direct_irradiance(scene, frame, r.position, normal, normal)
+        counts.append(declared.counted(32).rays)
+        assert abs(counts[-1] - lit.rays.sum()) <= 3 * (~lit.certain).sum()
+    assert len(set(counts)) > 1
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("listed", [False, True])
+def test_dilate(size, listed):
+    rng = np.random.default_rng(size)
+    scene = random_scene(rng, 4)
+    lightmap = random_lightmap(rng, scene, 70, 19, 23)
+    device = open_device()
+    receivers = FrameLightmap.upload(device, lightmap)
+    target = receivers.new_map("map")
+    values = device.read(target)
+    values[lightmap.receivers.texel, :3] = rng.uniform(0, 3, (70, 3))
+    device.write(target, values)
+    border = device.upload("border", border_texels(lightmap)) if listed else None
+    run(device, dilate(receivers, target, border).launches(), size)
+    source = values.reshape(23, 19, 4).astype(np.float64)
+    expected = source.copy()
+    for y in range(23):
+        for x in range(19):
+            near = source[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].reshape(-1, 4)
+            valid = near[near[:, 3] > 0]
+            if source[y, x, 3] == 0 and len(valid):
+                expected[y, x, :3] = valid[:, :3].mean(axis=0)
+    found = device.read(target).reshape(23, 19, 4)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+    np.testing.assert_array_equal(
+        receivers.at_receivers(target), values[lightmap.receivers.texel, :3]
+    )
+    assert np.count_nonzero(found.any(axis=2)) > 70
+
+
+def test_memory_in_closed_form():
+    rng = np.random.default_rng(3)
+    scene = random_scene(rng, 77)
+    device = open_device()
+    shared = FrameScene(device, scene, 33, 9, scene.cameras[0])
+    assert shared.nbytes == device.memory.total_bytes
+    assert frame_scene_bytes(scene, 33, 9) <= shared.nbytes
+    receivers = FrameLightmap.upload(device, random_lightmap(rng, scene, 50, 10, 11))
+    assert shared.nbytes + receivers.nbytes == device.memory.total_bytes
+    receivers.new_map("map")
+    assert shared.nbytes + receivers.nbytes + receivers.map_bytes(110) == device.memory.total_bytes
+
+
+def test_srgb_codes_are_exact_for_8_bit_sources():
+    codes = np.arange(256, dtype=np.uint8)
+    np.testing.assert_array_equal(srgb_codes(srgb_to_linear()[codes]), codes)

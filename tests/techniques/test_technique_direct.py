@@ -1,0 +1,108 @@
+"""Direct light only, through the frame loop."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.shading_oracle import open_device, render
+from support.synthetic_bake import random_lightmap, random_scene
+
+from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.techniques.registry import BakeContext, CreateContext, find_technique
+from gibench.techniques.technique import Launch, Pass, Technique
+
+
+@pytest.fixture
+def direct(tmp_path):
+    rng = np.random.default_rng(9)
+    scene = random_scene(rng)
+    lightmap = random_lightmap(rng, scene, 100, 20, 20)
+    spec = find_technique("direct")
+    settings = spec.settings({})
+    baked = spec.bake(BakeContext(scene, lightmap, settings, tmp_path))
+    return spec.create(
+        CreateContext(
+            open_device(), scene, lightmap, settings, baked, "tuned", 64, 40, 30, scene.cameras[0]
+        )
+    )
+
+
+def test_frame_is_the_direct_light(direct):
+    assert isinstance(direct, Technique)
+    prepared = prepare_passes(direct, 64)
+    assert [one.name for one in prepared] == ["forward_render"]
+    enqueue_frame(direct, prepared, 17)
+    image = direct.device.read(direct.scene.image)
+    expected = render(direct.scene.scene, 17, 40, 30)
+    np.testing.assert_allclose(
+        image[expected.certain], expected.direct[expected.certain], rtol=2e-4, atol=2e-5
+    )
+    np.testing.assert_array_equal(direct.images()["frame"], image)
+    assert direct.indirect_irradiance().shape == (100, 3)
+    assert not direct.indirect_irradiance().any()
+    assert direct.counts() == {"receivers": 100}
+
+
+def test_lights_move_with_the_frame(direct):
+    prepared = prepare_passes(direct, 64)
+    enqueue_frame(direct, prepared, 0)
+    first = direct.device.read(direct.scene.image)
+    enqueue_frame(direct, prepared, 60)
+    assert np.any(direct.device.read(direct.scene.image) != first)
+
+
+def test_memory_in_closed_form(direct):
+    assert direct.nbytes == direct.device.memory.total_bytes
+
+
+def test_a_pass_that_cannot_be_built_fails_alone(direct):
+    program = direct.device.program("parts/dilate.cl")
+
+    class Broken:
+        device = direct.device
+
+        def passes(self):
+            missing = Launch(program, "no_such_kernel", (), items=1)
+
+            def not_there():
+                return [Launch(self.device.program("no/such.cl"), "dilate", (), items=1)]
+
+            return [Pass("a", lambda: [missing]), Pass("b", not_there), *direct.passes()]
+
+    prepared = prepare_passes(Broken(), 64)
+    assert [one.status for one in prepared] == ["failed", "failed", "ok"]
+    assert "no_such_kernel" in prepared[0].problem
+    assert "no/such.cl" in prepared[1].problem
+    assert all("\n" not in (one.problem or "") for one in prepared)
+
+
+def test_a_launch_without_work_is_not_enqueued(direct):
+    counts = iter([3, 0])
+    program = direct.device.program("parts/dilate.cl")
+    args = (direct.scene.image, np.int32(0), np.int32(0))
+
+    class Idle:
+        device = direct.device
+
+        def passes(self):
+            return [Pass("idle", lambda: [Launch(program, "dilate", args, items=counts.__next__)])]
+
+        def begin_frame(self, frame):
+            pass
+
+    prepared = prepare_passes(Idle(), 64)
+    assert enqueue_frame(Idle(), prepared, 0).pass_ms["idle"] > 0
+    assert enqueue_frame(Idle(), prepared, 1).pass_ms["idle"] == 0
+
+
+@pytest.mark.parametrize("size", [16, 100])
+def test_shadow_rays_are_counted_after_a_frame(direct, size):
+    prepared = prepare_passes(direct, 64)
+    assert prepared[0].work.rays == 40 * 30
+    enqueue_frame(direct, prepared, 17)
+    expected = render(direct.scene.scene, 17, 40, 30)
+    counted = prepared[0].counted(size)
+    found = direct.device.read(direct.scene.image)[..., 0]
+    np.testing.assert_array_equal(found[expected.certain], expected.shadow_rays[expected.certain])
+    assert counted.rays == 1200 + found.sum() > 1200
+    assert counted == replace(prepared[0].work, rays=counted.rays)
