@@ -2,8 +2,8 @@
 
 Started as ``python -m gibench.measure.compare.replicate``: the configuration comes as one line of
 JSON on standard input (:class:`ReplicateSpec`), then commands, one a line: ``frame N`` runs frame N
-and ``keep FILE`` writes what was computed; every answer is one line of JSON. The end of input ends it.
-The parent (:mod:`gibench.measure.compare.lockstep`) lets two such processes take turns.
+and ``keep FILE`` writes what was computed; every answer is one line of JSON. The end of input ends
+it. The parent (:mod:`gibench.measure.compare.lockstep`) lets two such processes take turns.
 """
 
 from __future__ import annotations
