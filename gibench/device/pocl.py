@@ -2,8 +2,8 @@
 
 PoCL 3.0, which ``pip`` brings, holds LLVM 14. That calls a processor that is newer than itself
 (any Zen 5) ``generic``, a name that its own clang then refuses: no kernel can be built (PoCL issue
-1049). Here the device is told the name of the nearest processor that LLVM 14 knows, before anything is
-built. Nothing on disk changes, and where PoCL knows the processor nothing changes at all.
+1049). Here the device is told the name of the nearest processor that LLVM 14 knows, before
+anything is built. Nothing on disk changes; where PoCL knows the processor, nothing at all.
 """
 
 from __future__ import annotations
