@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-import reference_oracle as oracle
+from support import reference_oracle as oracle
 from support.reference_scenes import lightmap_of, random_scene
 
 from gibench.rays.tracer import Hits

@@ -3,8 +3,8 @@
 import numpy as np
 import pyopencl as cl
 import pytest
-import reference_oracle as oracle
 from scipy.stats import qmc
+from support import reference_oracle as oracle
 
 from gibench.device.source import kernel_source
 from gibench.reference import host_cl
