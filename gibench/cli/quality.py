@@ -190,7 +190,7 @@ def quality(
 
 
 def _conclude(outcome: Outcome, folder: Path) -> None:
-    """Raise what the exit code should tell.
+    """Raise the error, if any, that decides the exit code.
 
     Raises:
         Interrupted: by Ctrl-C; says what was kept.

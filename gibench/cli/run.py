@@ -129,7 +129,7 @@ def run(
     from gibench.measure.session.setup import LoopOptions, check_configuration
     from gibench.measure.session.shared import Shared
 
-    # Everything that can be wrong is found before anything long.
+    # All inputs are checked before any long work.
     width, height = options.resolution(resolution)
     profiles = options.load_profiles(device_profile)
     specs = options.find_techniques(technique)
@@ -220,7 +220,7 @@ def _image_writer(folder: Path) -> Any:
 
 
 def _conclude(outcome: Outcome, folder: Path) -> None:
-    """Raise what the exit code should tell.
+    """Raise the error, if any, that decides the exit code.
 
     Raises:
         Interrupted: by Ctrl-C; says what was kept.

@@ -117,5 +117,5 @@ def check_fit(table: pd.DataFrame, budget_ms: float) -> None:
 
 
 def in_words(row: Mapping[str, Any] | pd.Series) -> str:
-    """A row's technique and settings, as one says it."""
+    """A row's technique, settings and receivers in words, for a message."""
     return f"{row['technique']} ({row['settings']}) at {int(row['receivers']):,} receivers"

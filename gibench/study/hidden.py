@@ -1,4 +1,4 @@
-"""Receivers whose texel is not one thing: parts of its surface lie inside of other geometry."""
+"""Receivers whose texel lies partly inside other geometry."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def open_receivers(scene: Scene, lightmap: Lightmap, seed: int = 0) -> Mask:
 
     The others lie in part inside of walls, or look at the back of something that has none. There
     truth, the mean over all of a texel's surface with black backs, is darker than what is to be
-    seen of the texel; SRP leaves such rays out (thesis 000, section 5.6.5 and figure 5.6), and
+    seen of the texel; SRP leaves such rays out (Bennett 2019, section 5.6.5 and figure 5.6), and
     DDGI and GIBS look at its centroid. That they differ there is no error of any of them.
 
     Args:

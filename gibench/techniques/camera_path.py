@@ -157,7 +157,7 @@ class FlightOptions:
         return 0 if self.path == REST else self.rest_frames + self.flight_frames
 
     def check(self) -> None:
-        """Find what is wrong with a path's file before anything long.
+        """Check a path's file before any long work.
 
         Raises:
             BadInput: it holds none.

@@ -1,4 +1,4 @@
-"""Direct light only: the papers' baseline (thesis 000, figure 6.6)."""
+"""Direct light only: the papers' baseline (Bennett 2019, figure 6.6)."""
 
 from __future__ import annotations
 

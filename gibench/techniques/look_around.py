@@ -20,12 +20,12 @@ Points = npt.NDArray[np.float64]
 Marks = npt.NDArray[np.bool_]
 
 FLIGHT_FOV: Final = 90.0
-"""Vertical field of view of the flight, degrees; from within a narrow one shows little. Ours."""
-# Ours: more change little in the built-in scenes.
+"""Vertical field of view of the flight, degrees; inside a room a narrow one shows little. Ours."""
+# Ours: larger counts change little in the built-in scenes.
 _SURFACE_POINTS, _POSITIONS, _DIRECTIONS, _MOST_VIEWS = 2048, 128, 12, 24
-_LEAST_GAIN = 0.002  # a view that shows no more of the surface than this is not worth the way
-_LEAST_COSINE = 0.1  # seen at a flatter angle a surface covers hardly a pixel
-_MARGIN = 0.03  # from the scene's bounds, of its sides
+_LEAST_GAIN = 0.002  # share of the surface; a view that adds less is left out
+_LEAST_COSINE = 0.1  # a surface seen at a flatter angle covers hardly a pixel
+_MARGIN = 0.03  # distance kept from the scene's bounds, as a share of its sides
 
 
 def keyframes(scene: Scene, start: Camera) -> tuple[Points, Points]:

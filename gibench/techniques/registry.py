@@ -92,7 +92,7 @@ class TechniqueSpec:
             (scene, number of receivers, settings, image width, image height).
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
-        check: refuses settings that do not suit a scene (BadInput), told before anything long.
+        check: refuses settings that do not suit a scene (BadInput) before any long work.
         follows_motion: whether it renders objects that move; what holds only for the scene at rest
             (a bake) does not.
         memory_options: what on the command line lowers its memory, for messages; its receivers

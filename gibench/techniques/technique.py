@@ -138,7 +138,7 @@ class HasNotes(Protocol):
     """A technique that has something to say for the report."""
 
     def notes(self) -> list[str]:
-        """Facts of this configuration that a reader of its figures must know, without full stop."""
+        """Facts that belong beside this configuration's figures, as phrases without a full stop."""
         ...
 
 

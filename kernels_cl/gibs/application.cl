@@ -1,4 +1,4 @@
-// What the camera sees, and the surfels' light on it (paper 004, sections 3.1.4 and 4.4).
+// What the camera sees, and the surfels' light on it (Ekberg 2022, sections 3.1.4 and 4.4).
 #include "common/bvh.cl"
 #include "common/camera.cl"
 #include "common/environment.cl"

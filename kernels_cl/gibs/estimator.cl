@@ -1,5 +1,5 @@
 // The multi-scale mean estimator (Barre-Brisebois et al. 2019, "Hybrid Rendering for Real-Time Ray
-// Tracing", Ray Tracing Gems chapter 25; paper 004, section 4.3).
+// Tracing", Ray Tracing Gems chapter 25; Ekberg 2022, section 4.3).
 //
 // Its long window follows the samples: a bright ray raises the variance and so lowers the weight of
 // that very ray, while a row of dark ones lowers the variance and raises theirs. Where light comes

@@ -1,4 +1,4 @@
-// Irradiance at a point from the surfels of its grid cell (paper 004, sections 3.1.4 and 4.4).
+// Irradiance at a point from the surfels of its grid cell (Ekberg 2022, sections 3.1.4 and 4.4).
 //
 // A surfel at p with normal m and radius r weighs, at x with normal n,
 //   w = smoothstep(1 - d / r) * max(0, dot(n, m)) [* depth test]

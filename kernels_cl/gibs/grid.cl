@@ -1,10 +1,10 @@
 // The acceleration grid: which cell a point lies in and which cells a surfel reaches.
 //
-// Uniform (paper 004, section 4.2): GRID_X * GRID_Y * GRID_Z cubes; points outside belong to the
+// Uniform (Ekberg 2022, section 4.2): GRID_X * GRID_Y * GRID_Z cubes; points outside belong to the
 // nearest cell at the border.
 //   grid: 0-2 lower corner, m; 3 cell size, m; 4 its inverse
-// Perspective (GRID_PERSPECTIVE; Brinck et al. 2021, "Global Illumination Based on Surfels"; paper
-// 004, figure 3.2): around the camera a cube of GRID_N^3 cubes; beyond it six pyramids, one per face
+// Perspective (GRID_PERSPECTIVE; Brinck et al. 2021, "Global Illumination Based on Surfels";
+// Ekberg 2022, figure 3.2): around the camera a cube of GRID_N^3 cubes; beyond it six pyramids, one per face
 // of the cube, cut sideways by GRID_N^2 planes through the camera and in depth into GRID_SLICES
 // slices that grow by a constant factor, so that a cell grows with its distance.
 //   grid: 0-2 the camera, m; 3 half the cube's side, m; 4 cells per metre in the cube;
@@ -19,8 +19,8 @@
 #define NORMAL_STRETCH 4.0f
 #endif
 
-// 1: a surfel goes into its cell and all neighbours (paper 004, section 4.2.1). 0: only into cells
-// that its ellipsoid may reach.
+// 1: a surfel goes into its cell and all neighbours (Ekberg 2022, section 4.2.1). 0: only into
+// cells that its ellipsoid may reach.
 #ifndef ALL_NEIGHBOURS
 #define ALL_NEIGHBOURS 0
 #endif

@@ -164,7 +164,7 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
 // update_surfels: one work-item per surfel alive; its estimator takes in its rays one after the
 // other, its guide and its depth moments learn from them. nearest: the least of its mean depths.
 // A ray beyond the surfel's diameter, or one that meets nothing, counts as the diameter: "inside the
-// diameter" (paper 004, section 3.1.4) bounds what the test can ask for.
+// diameter" (Ekberg 2022, section 3.1.4) bounds what the test can ask for.
 __kernel void update_surfels(__global const uint *frame, __global const uint *alive_ids,
                              __global const uint *ray_first, __global const float4 *ray_light,
                              __global const float2 *ray_choice, __global const float *radii,

@@ -129,7 +129,7 @@ __kernel void placement(__global const uint *frame, __global const uint *least, 
 }
 
 // recycling_choose: one work-item per surfel, those placed in this frame included; keep[i] = 0 where
-// it goes. Paper 004, section 3.1.1.2: by the number of surfels, the time since a surfel was last
+// it goes. Ekberg 2022, section 3.1.1.2: by the number of surfels, the time since a surfel was last
 // seen, its distance and the coverage around it, with a chance.
 //   too much coverage at the surfel itself: it goes with the chance;
 //   else with the chance times pressure times the larger of

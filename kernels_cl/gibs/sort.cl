@@ -1,5 +1,5 @@
 // Sorting surfels into the grid: count, (prefix sum: parts/scan.cl,) finalise.
-// Paper 004, section 4.2. Built with CAPACITY (surfels), ENTRIES (room in the lists), the grid's
+// Ekberg 2022, section 4.2. Built with CAPACITY (surfels), ENTRIES (room in the lists), the grid's
 // macros (gibs/grid.cl) and PUBLISHED.
 //
 // published: `ends` holds the counts, is scanned into `starts`, is set to it, and becomes the lists'

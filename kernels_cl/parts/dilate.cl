@@ -1,5 +1,5 @@
 // Dilation of a lightmap by one texel, so that a bilinear fetch at a chart's border meets no black.
-// Thesis 000, section 5.5: an invalid texel becomes the mean of its valid neighbours.
+// Bennett 2019, section 5.5: an invalid texel becomes the mean of its valid neighbours.
 // In place and free of races: of valid texels (w = 1) everything is only read, of invalid ones x, y
 // and z are only written and w, which stays 0, is only read.
 

@@ -10,7 +10,7 @@
 
 // forward_render: one work-item per pixel, in tiled order (sampling.cl).
 //   radiance = emission + albedo / pi (direct + indirect irradiance), the environment on a miss,
-//   black on a surface's back. Thesis 000, section 5.4 (there by rasterisation).
+//   black on a surface's back. Bennett 2019, section 5.4 (there by rasterisation).
 //   With COUNT_RAYS=1 every channel holds the pixel's number of shadow rays instead.
 // image: (height, width, 3) W/m2/sr. show: as in show.cl. Built with INDIRECT=0 it takes and reads no lightmap.
 __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,

@@ -6,7 +6,8 @@
 // lightmap_update: one work-item per receiver.
 //   radiance = emission + albedo / pi (direct irradiance + last frame's indirect irradiance)
 // with shadow rays for the direct part; the indirect part is left out when bounces is 0.
-// Thesis 000, section 5.1, pass 1; paper 001, section 4.2 ("infinite light bounces").
+// Bennett 2019, section 5.1, pass 1; Silvennoinen and Lehtinen 2017, section 4.2 ("infinite light
+// bounces").
 // position, normal, albedo, emission: (count, 3); texel: (count,) flat lightmap texels.
 // indirect, radiance: lightmaps; only receivers' texels are read and written.
 __kernel void lightmap_update(BVH_PARAMS, LIGHT_PARAMS, __global const float *position,

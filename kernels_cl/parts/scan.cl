@@ -1,7 +1,7 @@
 // Exclusive prefix sums of uint, any length, in global memory.
 //
 // Two algorithms with the same result:
-//   waves   the wave-wise recursion of paper 004, section 4.2.2: scan within waves, then scan the
+//   waves   the wave-wise recursion of Ekberg 2022, section 4.2.2: scan within waves, then scan the
 //           waves' totals in the same way, until one wave holds all; then add downwards.
 //           scan_waves once per level, scan_add once per level but the last.
 //   blocks  reduce, scan the blocks' sums in one group, scan the blocks (Sengupta et al. 2007,

@@ -1,4 +1,4 @@
-// Transport coefficients of Sparse Radiance Probes (thesis, section 5.6: eqs 4.10-4.12 and 5.6;
+// Transport coefficients of SRP (Bennett 2019, section 5.6: eqs 4.10-4.12 and 5.6;
 // Silvennoinen and Lehtinen 2017, eqs 2 and 4) for a chunk of receivers: four kernels, between
 // which the host traces rays; a fifth stands for the second where SRP's interpolation is compared
 // with plain blending.
@@ -25,8 +25,8 @@
 #define UNDECIDED 2
 #define BLOCK 64
 
-// One primary ray per sample (thesis 5.6.2); a work-item is (block of samples, receiver). The
-// direction is cosine-weighted about the receiver's normal, the origin a point of the surface its
+// One primary ray per sample (Bennett 2019, 5.6.2); a work-item is (block of samples, receiver).
+// The direction is cosine-weighted about the receiver's normal, the origin a point of the surface its
 // texel covers, both from one 4D low-discrepancy point rotated per receiver (Cranley and Patterson
 // 1976). The azimuth's rotation is done by the sums of angles, so that no trigonometry is left:
 // points [S][8] holds u0, cos(2 pi u1), sin(2 pi u1), u2, u3 and padding, rotations [n][8] likewise.
@@ -92,7 +92,7 @@ __kernel void transport_rays(const int stride, const int samples, const float of
     }
 }
 
-// Validity of samples and their mutual visibility (thesis 5.6.4); a work-item is (block of
+// Validity of samples and their mutual visibility (Bennett 2019, 5.6.4); a work-item is (block of
 // samples, receiver). What the tables settle is settled here; the rest is left UNDECIDED.
 __kernel void transport_decide(
     const int stride, __global const float *origins, __global const float *directions,
@@ -169,10 +169,10 @@ __kernel void transport_decide(
     }
 }
 
-// What transport_decide writes, for plain blending (thesis eq. 4.3; Silvennoinen and Lehtinen 2017,
-// eq. 1): probes are looked up in the receiver's own direction, which is an escape's layout, and a
+// What transport_decide writes, for plain blending (Bennett 2019, eq. 4.3; Silvennoinen and
+// Lehtinen 2017, eq. 1): probes are looked up in the receiver's own direction, which is an escape's layout, and a
 // pair counts for all samples or for none; a work-item is (block of samples, receiver).
-__kernel void transport_unaware(const int stride, __global const float *directions,
+__kernel void transport_plain(const int stride, __global const float *directions,
                                 __global const int *pair_start, __global const uchar *pair_sees,
                                 __global float *hits, __global uchar *visible)
 {

@@ -1,4 +1,4 @@
-// Probe update as published (thesis 000, section 5.2, source code 5.3).
+// Probe update as published (Bennett 2019, section 5.2, source code 5.3).
 #include "common/environment.cl"
 #include "common/vec.cl"
 
@@ -6,7 +6,7 @@
 //   lambda[i][j] = sum over relight rays of radiance * Y_j * 4 pi / samples
 // Every work-item sums its share of the probe's hits, then of its misses, into local memory of its
 // own; after a barrier the first work-items add up the shares, one coefficient each. CHUNK
-// coefficients fit the local memory at once (the thesis keeps all); chunks follow one another.
+// coefficients fit the local memory at once (Bennett keeps all); chunks follow one another.
 //   frame_state   first probe to update and the step to the next
 //   hit_start     (probes + 1,) into hit_sample and hit_texel: the rays that meet a receiver
 //   miss_start    (probes + 1,) into miss_sample: the rays that escape to the environment

@@ -1,4 +1,4 @@
-// Cluster projection and irradiance transport as published (thesis 000, section 5.3).
+// Cluster projection and irradiance transport as published (Bennett 2019, section 5.3).
 // Macros: STORAGE.
 #include "common/vec.cl"
 #include "srp/storage.cl"

@@ -106,7 +106,7 @@ def rays_of(kind, corners, embree):
 
 @pytest.mark.slow
 def test_the_device_reaches_half_of_embrees_rate(corners, tracers):
-    """Acceptance of issue 2, section 4: incoherent rays, both on two threads, in one run."""
+    """Incoherent rays, both on two threads, in one run."""
     embree, device, packets = tracers
     ratios = {}
     for kind in ("incoherent", "primary", "shadow"):

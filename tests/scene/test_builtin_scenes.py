@@ -17,7 +17,7 @@ from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.lightmap.charts import triangle_areas
 from gibench.scene.model import DirectionalLight, Scene
 
-# Triangles, probes, receivers (issue 2, section 3; Mackay's thesis, table 6.2).
+# Triangles, probes, receivers (Bennett 2019, table 6.2).
 SIZES = {
     "cornell-box": (94, 27, 40_564),
     "blue-orange-box": (96, 20, 50_784),

@@ -87,7 +87,7 @@ def grid(
     it, so it is not run twice.
 
     Raises:
-        BadInput: an option's value is wrong, told before anything long.
+        BadInput: an option's value is wrong; raised before any long work.
         CannotRun: no work-group size asked suits any profile asked.
     """
     check_options(request)

@@ -130,7 +130,7 @@ def run_configurations(
         flush: is called before every frame, where caches are to be cold.
 
     Raises:
-        BadInput: a scene, its camera or settings for it are wrong, told before anything long.
+        BadInput: a scene, its camera or settings for it are wrong; raised before any long work.
         GibenchError: not even the head of the samples can be written.
     """
     names = {}

@@ -51,7 +51,7 @@ class LoopOptions:
 def check_configuration(
     configuration: Configuration, options: LoopOptions, shared: Shared
 ) -> Scene:
-    """Find what is wrong with a configuration before anything long; its scene.
+    """Check a configuration before any long work, and return its scene.
 
     Raises:
         BadInput: its scene, camera, camera path or motion is wrong, or the settings do not suit the

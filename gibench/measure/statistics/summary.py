@@ -12,7 +12,7 @@ from gibench.techniques.technique import Work
 
 NAN = float("nan")
 REAL_TIME_MS = 33.3
-"""A frame is real-time at 30 frames per second (SRP thesis, section 1)."""
+"""A frame is real-time at 30 frames per second (Bennett 2019, section 1)."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from gibench.scene.lightmap.raster import (
 )
 from gibench.scene.model import Scene
 
-# The receiver count is met within 1 % (issue 2, section 3); the search stops well inside that.
+# The receiver count is met within 1 %; the search stops well inside that.
 CLOSE_ENOUGH = 0.002
 LONGEST_SECANT = 5
 LONGEST_SEARCH = 16

@@ -1,4 +1,4 @@
-"""How long a technique takes to follow a light that is switched (paper 004, sections 5.1 and 6)."""
+"""How long a technique takes to follow a switched light (Ekberg 2022, sections 5.1 and 6)."""
 
 from __future__ import annotations
 
@@ -260,7 +260,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="convergence",
     title="Frames and milliseconds until a switched light has settled",
-    source="sections 5.1 and 6 of Ekberg 2022 (paper 004), which have it in words only",
+    source="sections 5.1 and 6 of Ekberg 2022, which have it in words only",
     profiles=("vega56",),
     keys=_KEYS,
     columns=_COLUMNS,

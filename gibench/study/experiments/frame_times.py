@@ -1,4 +1,4 @@
-"""Frame times of four scenes under three profiles (thesis 000, figure 6.6)."""
+"""Frame times of four scenes under three profiles (Bennett 2019, figure 6.6)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gibench.study.experiments.common import (
     timed,
 )
 
-# The thesis's four are the Cornell Box, the Blue-Orange Box, the Modern Hall and Crytek Sponza; the
+# Bennett's four are the Cornell Box, the Blue-Orange Box, the Modern Hall and Crytek Sponza; the
 # built-in hall and atrium stand for the last two, which do not come with gibench.
 _SCENES = ("cornell-box", "blue-orange-box", "hall", "atrium")
 _IMAGE = (1334, 750)
@@ -58,7 +58,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         index=["scene", "profile"], columns="kind", values="time_ms", sort=False
     ).reset_index()
     theirs = published("frame_times")
-    theirs = theirs[theirs["source"].str.startswith("SRP thesis") & (theirs["pass"] == "frame")]
+    theirs = theirs[(theirs["source"] == "Bennett 2019") & (theirs["pass"] == "frame")]
     return "\n\n".join(
         (
             "Median frame time, ms.",
@@ -72,7 +72,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="frame-times",
     title="Frame times of four scenes under three profiles",
-    source="figure 6.6 and section 6.3 of the SRP thesis (paper 000)",
+    source="figure 6.6 and section 6.3 of Bennett 2019",
     profiles=("iphone7", "radeon560", "vega56"),
     keys=("scene", "kind", "profile"),
     columns=TIMES,

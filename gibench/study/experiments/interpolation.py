@@ -1,4 +1,4 @@
-"""SRP's interpolation against plain blending on the same probes (paper 001, figure 8)."""
+"""SRP's interpolation against plain blending (Silvennoinen and Lehtinen 2017, figure 8)."""
 
 from __future__ import annotations
 
@@ -59,10 +59,10 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         context, _configuration(context, _PROBES[0], "srp"), context.standing(), _IMAGE
     )
     parts = [
-        "*spatial*: probes blended by distance alone, in the receiver's own direction (thesis eq. "
-        "4.3). *visibility*: that, from the probes the receiver sees. *srp*: reprojected and "
-        "mutually visible (eq. 4.6). Everything else is the same: probes, their harmonics, rays, "
-        "compression.",
+        "*spatial*: probes blended by distance alone, in the receiver's own direction (Bennett "
+        "2019, eq. 4.3). *visibility*: that, from the probes the receiver sees. *srp*: reprojected "
+        "and mutually visible (eq. 4.6). Everything else is the same: probes, their harmonics, "
+        "rays, compression.",
         markdown(whole[["probes", "interpolation", *SHOWN]], FORMATS),
     ]
     for probes in _counts(context):
@@ -75,7 +75,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="interpolation",
     title="SRP's interpolation against plain blending on the same probes",
-    source="figure 8 of Silvennoinen and Lehtinen 2017 (paper 001)",
+    source="figure 8 of Silvennoinen and Lehtinen 2017",
     profiles=("iphone7",),
     keys=("probes", "interpolation"),
     columns=COLUMNS,

@@ -1,4 +1,4 @@
-"""Error against probe density on the Cornell Box (paper 001, section 5.2 and figure 10)."""
+"""Error against probe density (Silvennoinen and Lehtinen 2017, section 5.2, figure 10)."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="probe-density",
     title="Error against probe density, with the operator norm",
-    source="section 5.2 and figure 10 of Silvennoinen and Lehtinen 2017 (paper 001)",
+    source="section 5.2 and figure 10 of Silvennoinen and Lehtinen 2017",
     profiles=("iphone7",),
     keys=("probes",),
     columns=("operator_norm", *COLUMNS),

@@ -1,4 +1,4 @@
-"""GIBS against DDGI at equal ray budgets, at rest and after a flight (paper 004, chapter 5)."""
+"""GIBS against DDGI at equal ray budgets, at rest and after a flight (Ekberg 2022, chapter 5)."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ RAYS, APPLICATION, REST, CAMERA = "ray_casting_ms", "application_ms", "rest_ms",
 TOTAL, FRAME = "total_ms", "frame_ms"
 _FRAME: Final = "(frame)"  # the host's time, among the samples of passes
 _CAMERA: Final = "(camera)"  # DDGI's primary rays and direct light once more, alone
-# The thesis's columns. What is not named is 'rest'; the camera's own image is in none of them.
+# Ekberg's columns. What is not named is 'rest'; the camera's own image is in none of them.
 _COLUMN_OF: Mapping[str, Mapping[str, str]] = {
     "ddgi": {
         "probe_trace": RAYS,
@@ -75,7 +75,7 @@ _KEYS = ("scene", "technique", "budget", "profile")
 
 @dataclass(frozen=True)
 class _Sizes:
-    """Of the thesis (section 5.1), or small ones.
+    """Of Ekberg 2022 (section 5.1), or small ones.
 
     Attributes:
         counts: DDGI's probes along x, y and z.
@@ -122,7 +122,7 @@ def _configuration(
             "classification": "false",
         }
     else:
-        # As small as that many to cover Sponza; none is taken back, as in the thesis (chapter 4).
+        # As small as that many to cover Sponza; none is taken back, as in Ekberg 2022 (chapter 4).
         settings = {
             "surfels": str(sizes.surfels),
             "radius_share": "0.02",
@@ -272,9 +272,9 @@ def rows_of(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any
 
 
 def theirs() -> pd.DataFrame:
-    """The thesis's table in its columns; blank where the figure was not available to us."""
+    """Ekberg's table in its columns; blank where the figure was not available to us."""
     table = published("frame_times")
-    table = table[table["source"].str.startswith("Surfel thesis")]
+    table = table[table["source"] == "Ekberg 2022"]
     wide = table.pivot_table(
         index=["source", "where", "technique", "scene", "device"],
         columns="pass",
@@ -294,7 +294,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         context.folder.path / "ray-budget",
         [Axes(_heading(name), "thousand rays a frame at most", "median, ms", _series(ok, name))
          for name in _TIMES[:4]],
-        f"Image {width} x {height}. Times of this machine, not of the thesis's.",
+        f"Image {width} x {height}. Times of this machine, not of Ekberg's.",
     )  # fmt: skip
     whole = ["surfels", "probes", "rays", "frames", "memory_bytes"]
     shown = ok[[*_KEYS, "when", "covered", *whole[:3], *_TIMES, *whole[3:]]]
@@ -305,17 +305,17 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             f"every frame, no probe being moved or switched off. GIBS has room for "
             f"{sizes.surfels:,} surfels and casts budget / {sizes.surfels:,} rays for each that is "
             "alive, so that it stays below the budget until the camera has been everywhere; once "
-            "placed they stay, as in the thesis, but grow with their distance from the camera, "
-            "where the thesis's are of one size. Lights "
+            "placed they stay, as in Ekberg 2022, but grow with their distance from the camera, "
+            "where Ekberg's are of one size. Lights "
             f"stand still; the image is {width} x {height}; {sizes.settle} frames at rest before "
             f"the first that is timed, and a flight of {sizes.flight} between the two times.",
             "*covered* is the share of the visible pixels that a surfel reaches: where it is below "
             "100 %, GIBS had not come to rest (too few frames, or too few tiles in a small image) "
             "and its times are of a part of its work.",
             "*ray casting* is `probe_trace` and `probe_shade`, or `irradiance` (with the surfels' "
-            "estimator, which the thesis's kernel holds too); *application* is the light on every "
+            "estimator, which Ekberg's kernel holds too); *application* is the light on every "
             "pixel; *rest* is every other pass but *camera*: primary rays and direct light, which "
-            "the thesis does not count either. DDGI's `application` does both in one pass: the "
+            "Ekberg does not count either. DDGI's `application` does both in one pass: the "
             "camera's part, run once more alone after the same frame, is taken off. *frame* is all "
             "of it by the host's clock. Each column is a median of its own over the frames in "
             "`ray-budget-samples.csv`, so they add up only nearly.",
@@ -353,7 +353,7 @@ def _heading(name: str) -> str:
 EXPERIMENT = Experiment(
     name="ray-budget",
     title="DDGI and GIBS at equal ray budgets, at rest and after a flight",
-    source="section 5.2 of Ekberg 2022 (paper 004)",
+    source="section 5.2 of Ekberg 2022",
     profiles=("vega56",),
     keys=_KEYS,
     columns=("when", "surfels", "covered", "probes", "rays", *_TIMES, "frames", "memory_bytes"),

@@ -1,4 +1,4 @@
-"""Time and error with fewer receivers (thesis 000, section 6.6)."""
+"""Time and error with fewer receivers (Bennett 2019, section 6.6)."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="receiver-reduction",
     title="Time and error with fewer receivers",
-    source="section 6.6 of the SRP thesis (paper 000)",
+    source="section 6.6 of Bennett 2019",
     profiles=("iphone7",),
     keys=("receivers",),
     columns=(*TIMES, "receivers_made", *_ERRORS, *(f"{name}_noise" for name in _ERRORS)),

@@ -1,4 +1,4 @@
-"""Frame time against SH order, probes and receivers (thesis 000, figure 6.8)."""
+"""Frame time against SH order, probes and receivers (Bennett 2019, figure 6.8)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _PROBES, _RECEIVERS, _ORDER = 20, 50_784, 2
 _ORDERS = tuple(range(8))
 _PROBE_COUNTS = (20, 40, 60, 80, 100, 120, 140, 160, 180, 200)
 _RECEIVER_COUNTS = (50_784, 100_000, 200_000, 400_000, 600_000, 800_000, 1_000_000)
-# The frame does not read the rays' noise: fewer than the thesis's 4096 make a million receivers
+# The frame does not read the rays' noise: fewer than Bennett's 4096 make a million receivers
 # bearable to bake.
 _RAYS = "256"
 _X = {
@@ -124,7 +124,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="scaling",
     title="Frame time against SH order, probes and receivers",
-    source="figure 6.8 and section 6.5 of the SRP thesis (paper 000)",
+    source="figure 6.8 and section 6.5 of Bennett 2019",
     profiles=("iphone7", "radeon560", "vega56"),
     keys=("axis", "value", "profile"),
     columns=TIMES,

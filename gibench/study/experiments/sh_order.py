@@ -1,4 +1,4 @@
-"""Error against SH order on the Blue-Orange Box (thesis 000, figure 6.7)."""
+"""Error against SH order on the Blue-Orange Box (Bennett 2019, figure 6.7)."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"].sort_values(["against", "region", "sh_order"])
     axes = []
     for against, title in (
-        (_label(_HIGHEST), "against order 7 (as the thesis)"),
+        (_label(_HIGHEST), "against order 7 (as Bennett 2019)"),
         ("reference", "against the path-traced reference"),
     ):
         mine = ok[ok["against"] == against]
@@ -83,7 +83,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     labels = [_label(order) for order in sorted(set(ok["sh_order"]))]
     return "\n\n".join(
         (
-            "L* is on its scale of 0 to 100; the thesis has figures below 0.01 in places, which "
+            "L* is on its scale of 0 to 100; Bennett 2019 has figures below 0.01 in places, which "
             "suggests a scale of 0 to 1 (ten thousand times less). Its curves carry no figures to "
             "set beside these.",
             markdown(ok[shown], FORMATS),
@@ -96,7 +96,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
 EXPERIMENT = Experiment(
     name="sh-order",
     title="Error against the order of spherical harmonics",
-    source="figure 6.7 and section 6.4 of the SRP thesis (paper 000)",
+    source="figure 6.7 and section 6.4 of Bennett 2019",
     profiles=("iphone7",),
     keys=("sh_order",),
     columns=("against", *COLUMNS),

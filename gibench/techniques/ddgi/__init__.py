@@ -1,4 +1,4 @@
-"""Dynamic Diffuse Global Illumination (Majercik et al. 2019, 2021; paper 004, section 3.2)."""
+"""Dynamic Diffuse Global Illumination (Majercik et al. 2019; Majercik et al. 2021)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""DDGI's passes (paper 004, section 3.2; Majercik et al. 2019; RTXGI-DDGI 1.3.7)."""
+"""DDGI's passes (Majercik et al. 2019; Ekberg 2022, section 3.2; RTXGI-DDGI 1.3.7)."""
 
 from __future__ import annotations
 

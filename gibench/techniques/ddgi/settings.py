@@ -32,7 +32,7 @@ class DdgiSettings:
     probes: int | None = _setting(
         None,
         "most probes in the volume, 8 for each that SRP places if unset; finer light for time and "
-        "memory (paper 004: 2000)",
+        "memory (Ekberg 2022: 2000)",
         "probes",
     )
     counts: str = _setting(

@@ -1,4 +1,4 @@
-"""GIBS: global illumination based on surfels (Brinck et al. 2021; paper 004, chapters 3 and 4)."""
+"""GIBS: global illumination based on surfels (Brinck et al. 2021; Ekberg 2022, chapters 3-4)."""
 
 from __future__ import annotations
 

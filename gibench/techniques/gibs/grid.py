@@ -17,13 +17,13 @@ from gibench.techniques.technique import Launch
 
 PACKED_ROWS = 11  # kernels_cl/gibs/frame.cl
 PACKED_PADDING = 16  # kernels_cl/gibs/frame.cl, PACKED_STRIDE
-NEIGHBOURS = 27  # cells a surfel goes into as published (paper 004, section 4.2.1)
+NEIGHBOURS = 27  # cells a surfel goes into as published (Ekberg 2022, section 4.2.1)
 PERSPECTIVE_NEAR = 0.1  # half the inner cube's side, share of the scene's diagonal; our choice
 
 
 @dataclass(frozen=True)
 class UniformGrid:
-    """Cubic cells over a box (paper 004, section 4.2).
+    """Cubic cells over a box (Ekberg 2022, section 4.2).
 
     Attributes:
         lower: lower corner, m.
@@ -74,7 +74,7 @@ class UniformGrid:
 @dataclass(frozen=True)
 class PerspectiveGrid:
     """A cube of cubic cells around the camera and six pyramids whose cells grow with the distance
-    (Brinck et al. 2021; paper 004, section 3.1.2).
+    (Brinck et al. 2021; Ekberg 2022, section 3.1.2).
 
     Attributes:
         half_side: half the cube's side, m.
@@ -163,7 +163,7 @@ class SurfelGrid:
         device: where it lies.
         grid: its shape.
         surfels: what is sorted.
-        published: as in paper 004: every surfel in its cell and all neighbours, wave-wise scan,
+        published: as in Ekberg 2022: every surfel in its cell and all neighbours, wave-wise scan,
             lists in any order. Otherwise only in the cells it reaches, blocked scan, lists in
             ascending order with what a lookup reads beside them.
         entries: room in all lists together.

@@ -145,7 +145,7 @@ class FramePasses:
         return min(self.alive() + new, self.settings.surfels)
 
     def irradiance(self) -> list[Launch]:
-        """Rays shared out, traced and taken in."""
+        """Give each surfel its rays, trace them, add what they find to the surfel's irradiance."""
         s, g = self.surfels, self.surfels.geometry
         program = self._program("irradiance")
 

@@ -16,7 +16,7 @@ SCAN_ITEMS = 16  # kernels_cl/parts/scan.cl
 
 @dataclass(frozen=True)
 class WaveScan:
-    """Scratch of the wave-wise recursive scan (paper 004, section 4.2.2) over a fixed length.
+    """Scratch of the wave-wise recursive scan (Ekberg 2022, section 4.2.2) over a fixed length.
 
     Attributes:
         device: where it runs.

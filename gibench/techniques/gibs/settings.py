@@ -20,14 +20,14 @@ def _setting(default: Any, meaning: str, unit: str = "") -> Any:
 
 @dataclass(frozen=True)
 class GibsSettings:
-    """Every tunable of GIBS; defaults are the thesis's (paper 004) where it gives one.
+    """Every tunable of GIBS; defaults are Ekberg's (2022) where he gives one.
 
     Raises:
         BadInput: a value makes no sense.
     """
 
     surfels: int = _setting(
-        50_000, "room for surfels; about 50 000 cover Sponza (paper 004, 5.1)", "surfels"
+        50_000, "room for surfels; about 50 000 cover Sponza (Ekberg 2022, 5.1)", "surfels"
     )
     ray_budget: int = _setting(200_000, "most rays in a frame; more converge sooner", "rays")
     rays_per_surfel: float = _setting(
@@ -39,7 +39,7 @@ class GibsSettings:
     smallest_radius: float = _setting(
         0.002, "least radius of a surfel near the camera", "scene diagonals"
     )
-    grid: str = _setting(UNIFORM, "uniform (thesis) or perspective (Brinck et al.)")
+    grid: str = _setting(UNIFORM, "uniform (Ekberg 2022) or perspective (Brinck et al. 2021)")
     grid_cells: int = _setting(
         24, "cells along the longest side, or across the view; more make shorter lists", "cells"
     )
@@ -51,8 +51,8 @@ class GibsSettings:
     )
     estimator: str = _setting(
         FLOORED,
-        "floored (right on average), or multi-scale (thesis; steadier, but too dark where few rays "
-        "bring most of the light)",
+        "floored (right on average), or multi-scale (Ekberg 2022; steadier, but too dark where "
+        "few rays bring most of the light)",
     )
     depth_moments: bool = _setting(True, "depth test against leaks; costs memory and time")
     ray_guiding: bool = _setting(False, "more rays where light came from; costs memory")

@@ -1,4 +1,4 @@
-"""Sparse Radiance Probes (Silvennoinen and Lehtinen 2017; thesis 000)."""
+"""Sparse Radiance Probes (Silvennoinen and Lehtinen 2017; Bennett 2019)."""
 
 from __future__ import annotations
 

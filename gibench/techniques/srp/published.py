@@ -1,4 +1,4 @@
-"""SRP's passes as the thesis structures them (000, sections 5.2 and 5.3)."""
+"""SRP's passes as Bennett 2019 structures them (sections 5.2 and 5.3)."""
 
 from __future__ import annotations
 

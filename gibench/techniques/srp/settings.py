@@ -21,7 +21,8 @@ class SrpSettings:
         default=7,
         metadata={
             "help": "order of the probes' spherical harmonics, 0 to 7; (order + 1)^2 coefficients "
-            "per probe: sharper indirect light for more time and memory (paper: 7)",
+            "per probe: sharper indirect light for more time and memory "
+            "(Silvennoinen and Lehtinen 2017: 7)",
             "unit": "",
         },
     )
@@ -37,7 +38,7 @@ class SrpSettings:
         default=1024,
         metadata={
             "help": "relight rays per probe: less noise in the probes for a slower probe_update "
-            "(thesis: 1024, paper: 8000)",
+            "(Bennett 2019: 1024; Silvennoinen and Lehtinen 2017: 8000)",
             "unit": "rays",
         },
     )
@@ -45,7 +46,7 @@ class SrpSettings:
         default=4096,
         metadata={
             "help": "rays per receiver in the bake: less noise in the transport for a slower bake "
-            "(thesis: 4096)",
+            "(Bennett 2019: 4096)",
             "unit": "rays",
         },
     )
@@ -53,7 +54,8 @@ class SrpSettings:
         default="fp16",
         metadata={
             "help": "how transport matrices are stored: fp32, fp16 or snorm16; 16 bits take half "
-            "the memory and time for a relative error of about 5e-4 (paper: fp16)",
+            "the memory and time for a relative error of about 5e-4 "
+            "(Silvennoinen and Lehtinen 2017: fp16)",
             "unit": "",
         },
     )
@@ -76,19 +78,19 @@ class SrpSettings:
         default=10.0,
         metadata={
             "help": "mean number of probes that reach a receiver: smoother for more time and "
-            "memory (paper: 10)",
+            "memory (Silvennoinen and Lehtinen 2017: 10)",
             "unit": "probes",
         },
     )
     cluster_size: int = field(
         default=1024,
-        metadata={"help": "most receivers in a cluster (thesis: 1024)", "unit": "receivers"},
+        metadata={"help": "most receivers in a cluster (Bennett 2019: 1024)", "unit": "receivers"},
     )
     svd_vectors: int = field(
         default=32,
         metadata={
             "help": "most light basis vectors kept of a cluster: less compression error for more "
-            "time and memory (paper: 32)",
+            "time and memory (Silvennoinen and Lehtinen 2017: 32)",
             "unit": "vectors",
         },
     )
@@ -96,7 +98,8 @@ class SrpSettings:
         default=0.005,
         metadata={
             "help": "relative error of the irradiance that compression may leave, under light "
-            "from anywhere: smaller for more time and memory (paper: 0.005)",
+            "from anywhere: smaller for more time and memory "
+            "(Silvennoinen and Lehtinen 2017: 0.005)",
             "unit": "",
         },
     )

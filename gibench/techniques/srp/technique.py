@@ -1,4 +1,4 @@
-"""Sparse Radiance Probes, frame by frame (paper 001, section 4.2; thesis 000, chapter 5)."""
+"""SRP frame by frame (Silvennoinen and Lehtinen 2017, section 4.2; Bennett 2019, chapter 5)."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def settled(technique, frames, average):
 def test_in_a_furnace_irradiance_is_two_pi(variant, guided, depth):
     """Closed, albedo 0.5, emission 1: E = pi (1 + 0.5 E / pi), so E = 2 pi, by endless bounces."""
     scene = furnace()
-    # Surfels of one size, as the thesis's: where they shrink with the camera's distance, those that
+    # Surfels of one size, as Ekberg's: where they shrink with the camera's distance, those that
     # it has come near and turned away from leave a hole.
     settings = {**SETTINGS, "rays_per_surfel": 1.0, "smallest_radius": 0.05}
     technique = gibs(

@@ -27,7 +27,7 @@ def truth(scene):
 @pytest.mark.parametrize(
     ("least", "settings"),
     [
-        # One ray a surfel, as the thesis: light that bounces often still lags 900 frames on.
+        # One ray a surfel, as Ekberg 2022: light that bounces often still lags 900 frames on.
         (0.92, {}),
         (0.96, {"rays_per_surfel": 4.0, "ray_guiding": True}),
     ],

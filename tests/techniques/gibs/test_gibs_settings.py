@@ -84,7 +84,7 @@ def test_no_more_rays_than_the_budget():
     assert first[technique.life()["alive"] - technique.life()["placed"]] == 7
 
 
-def test_defaults_are_the_thesis_values():
+def test_defaults_are_the_values_of_ekberg_2022():
     settings = GibsSettings()
     assert settings.placement_chance == 0.08
     assert settings.placement_threshold == 1.0

@@ -1,4 +1,4 @@
-"""Transport against a direct float64 evaluation of thesis eq. 4.12, and against closed forms."""
+"""Transport against float64 evaluation of eq. 4.12 of Bennett 2019, and against closed forms."""
 
 from __future__ import annotations
 

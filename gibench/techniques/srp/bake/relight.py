@@ -1,4 +1,4 @@
-"""Relight samples: which texel each probe sees in each of its fixed directions (thesis 5.2.1)."""
+"""Relight samples: the texel a probe sees in each fixed direction (Bennett 2019, section 5.2.1)."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def strata(count: int) -> tuple[int, int]:
 
 
 def sphere_directions(count: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """Stratified uniform directions (count, 3) on the sphere (thesis eq. 5.2).
+    """Stratified uniform directions (count, 3) on the sphere (Bennett 2019, eq. 5.2).
 
     The unit square is cut into as square a grid as has exactly ``count`` cells of equal size; a
     count with no such grid (a prime, say) is cut into rows that differ by one cell in length, each

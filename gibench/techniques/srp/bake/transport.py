@@ -1,4 +1,4 @@
-"""Transport coefficients: thesis section 5.6, with Embree for rays and OpenCL for the rest.
+"""Transport coefficients (Bennett 2019, section 5.6): rays by Embree, the rest by OpenCL.
 
 Per chunk of receivers: primary rays (kernel), closest hits (Embree), validity and what the
 visibility tables settle (kernel), rays for the pairs they leave open (Embree), accumulation
@@ -169,7 +169,7 @@ class TransportWorker:
         self._decide = cl.Kernel(baker.program, "transport_decide")
         self._weights = cl.Kernel(baker.program, "transport_weights")
         self._accumulate = cl.Kernel(baker.program, "transport_accumulate")
-        self._unaware = cl.Kernel(baker.program, "transport_unaware")
+        self._plain = cl.Kernel(baker.program, "transport_plain")
         self._scratch: dict[str, Any] = {}
 
     def rows(self, receivers: Ints) -> TransportRows:
@@ -337,7 +337,7 @@ class TransportWorker:
         self._send("pair_weight", pairs.weight)
         hits = self._buffer("hits", 16 * count * stride)
         visible = self._buffer("visible", len(pairs.probe) * stride)
-        self._unaware(
+        self._plain(
             queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
             self._scratch["directions"], start, self._send("pair_sees", sees), hits, visible,
         )  # fmt: skip

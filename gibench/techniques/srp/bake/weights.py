@@ -28,7 +28,7 @@ class Nearby(NamedTuple):
 
 
 def spatial_weight(t: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """w(t) = 2 t^3 - 3 t^2 + 1 within the unit interval, else 0 (thesis eq. 4.4)."""
+    """w(t) = 2 t^3 - 3 t^2 + 1 within the unit interval, else 0 (Bennett 2019, eq. 4.4)."""
     t = np.asarray(t, np.float64)
     return np.where(t <= 1.0, np.maximum((2.0 * t - 3.0) * t * t + 1.0, 0.0), 0.0)
 
