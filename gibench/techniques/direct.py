@@ -10,8 +10,8 @@ import numpy as np
 
 from gibench.scene.model import Scene
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.macros import SHOW_DIRECT
 from gibench.techniques.parts.shared_passes import (
-    SHOW_DIRECT,
     forward_render,
     rendered,
     suits_packets,

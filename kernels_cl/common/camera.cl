@@ -1,12 +1,10 @@
-// The pinhole camera: CAMERA_FLOATS floats, written by gibench.techniques.parts.frame_scene.camera_table:
+// The pinhole camera: 12 floats, written by gibench.techniques.parts.camera_table:
 //   0-2 position, 3-5 unit forward, 6-8 half the image's width at distance 1 to the right,
 //   9-11 half its height upwards.
 #ifndef GIBENCH_CAMERA
 #define GIBENCH_CAMERA
 
 #include "common/vec.cl"
-
-#define CAMERA_FLOATS 12
 
 typedef struct {
     float3 origin;

@@ -1,6 +1,7 @@
 // Direct light from point, spot and directional lights, with shadow rays.
 //
-// A light is LIGHT_FLOATS floats, written by gibench.techniques.parts.frame_scene.light_table:
+// A light is LIGHT_FLOATS floats (a macro of gibench.techniques.parts.macros), written by
+// gibench.techniques.parts.light_table:
 //   0      kind: 0 directional, 1 point, 2 spot
 //   1-3    position (point, spot), m
 //   4-6    unit direction the light travels along (directional, spot)
@@ -13,7 +14,6 @@
 #include "common/bvh.cl"
 #include "common/sampling.cl"
 
-#define LIGHT_FLOATS 12
 #define LIGHT_DIRECTIONAL 0
 #define LIGHT_POINT 1
 #define LIGHT_SPOT 2

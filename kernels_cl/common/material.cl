@@ -1,16 +1,19 @@
 // What a ray finds on a surface: position, normals, albedo, emission.
+//
+// A material is a row of MATERIAL_FLOATS numbers and one of MATERIAL_SLOTS texture slots. What is where
+// is declared once, in gibench.techniques.parts.material_table, which gives the macros: MATERIAL_<FIELD>
+// is a field's first number, MATERIAL_<SLOT> a slot's place. Kernels ask for both by name alone.
 #ifndef GIBENCH_MATERIAL
 #define GIBENCH_MATERIAL
 
 #include "common/vec.cl"
 #include "common/bvh.cl"
 
-#define MATERIAL_FLOATS 6
-
 // positions, normals   (v, 3) per vertex        uvs         (v, 2) per vertex, v upwards
 // triangles            (t, 3) vertex indices    material_ids (t,)
-// materials            (m, 6) base colour, emission
-// material_textures    (m, 3) first texel in `texels`, width, height; first is -1 without texture
+// materials            (m, MATERIAL_FLOATS)
+// material_textures    (m, MATERIAL_SLOTS, 3) first texel in `texels`, width, height; first is -1
+//                      without texture
 // texels               sRGB-encoded colours of all textures, rows from the top
 // srgb_to_linear       (256,) what an encoded byte means
 #define SURFACE_PARAMS                                                                       \
@@ -59,6 +62,18 @@ inline float3 texture_bilinear(__global const uchar4 *image, int width, int heig
                y - y_floor);
 }
 
+// The colour of a material that starts at `field`.
+inline float3 material_color(__global const float *materials, int id, int field)
+{
+    return load3(materials + MATERIAL_FLOATS * id + field, 0);
+}
+
+// A texture slot of a material; x is -1 where it has none.
+inline int3 material_texture(__global const int *material_textures, int id, int slot)
+{
+    return vload3(MATERIAL_SLOTS * id + slot, material_textures);
+}
+
 inline Surface surface_at(SURFACE_PARAMS, Hit hit)
 {
     Surface s;
@@ -70,9 +85,9 @@ inline Surface surface_at(SURFACE_PARAMS, Hit hit)
     s.normal = normalize(w * load3(normals, c.x) + hit.u * load3(normals, c.y) +
                          hit.v * load3(normals, c.z));
     const int id = material_ids[hit.triangle];
-    s.albedo = load3(materials, 2 * id);
-    s.emission = load3(materials, 2 * id + 1);
-    const int3 image = vload3(id, material_textures);
+    s.albedo = material_color(materials, id, MATERIAL_BASE_COLOR);
+    s.emission = material_color(materials, id, MATERIAL_EMISSION);
+    const int3 image = material_texture(material_textures, id, MATERIAL_BASE_COLOR_TEXTURE);
     if (image.x >= 0) {
         const float2 uv = w * vload2(c.x, uvs) + hit.u * vload2(c.y, uvs) + hit.v * vload2(c.z, uvs);
         s.albedo *= texture_bilinear(texels + image.x, image.y, image.z, uv, srgb_to_linear);

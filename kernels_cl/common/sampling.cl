@@ -1,4 +1,4 @@
-// Where rays start and in which order pixels are visited.
+// Where rays start.
 #ifndef GIBENCH_SAMPLING
 #define GIBENCH_SAMPLING
 
@@ -30,26 +30,6 @@ inline float3 back_along_ray(float3 position, float3 direction)
     const float3 size = fabs(position);
     const float step = 256.0f * 1.1920929e-7f * fmax(fmax(size.x, size.y), fmax(size.z, 1.0f / 32));
     return position - step * direction;
-}
-
-// Pixels are visited in tiles of 8 x 8, within a tile along a Morton curve, so that the rays of
-// neighbouring work-items run together.
-#define TILE_SIDE 8
-#define TILE_PIXELS (TILE_SIDE * TILE_SIDE)
-
-inline int even_bits(int code)
-{
-    return (code & 1) | ((code >> 1) & 2) | ((code >> 2) & 4);
-}
-
-// The pixel of work-item `item`; may lie outside the image at its right and lower border.
-inline int2 tiled_pixel(int item, int width)
-{
-    const int tiles_across = (width + TILE_SIDE - 1) / TILE_SIDE;
-    const int tile = item / TILE_PIXELS;
-    const int code = item % TILE_PIXELS;
-    return (int2)((tile % tiles_across) * TILE_SIDE + even_bits(code),
-                  (tile / tiles_across) * TILE_SIDE + even_bits(code >> 1));
 }
 
 #endif

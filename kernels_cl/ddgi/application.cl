@@ -5,13 +5,12 @@
 #include "common/environment.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
+#include "common/pixels.cl"
 #include "common/sampling.cl"
+#include "common/shade.cl"
 #include "ddgi/gather.cl"
 
-#define SHOW_DIRECT 1
-#define SHOW_INDIRECT 2
-
-// application: one work-item per pixel, in tiled order (common/sampling.cl).
+// application: one work-item per pixel, in tiled order (common/pixels.cl).
 //   radiance = emission + albedo / pi (direct + gathered irradiance), the environment on a miss,
 //   black on a surface's back.
 // image: (height, width, 3) W/m2/sr. show: sum of SHOW_DIRECT and SHOW_INDIRECT.
@@ -43,7 +42,7 @@ __kernel void application(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_
                 irradiance +=
                     gathered_irradiance(VOLUME_ARGS, MAP_ARGS, s.position, bias, s.normal);
             }
-            radiance += s.albedo * INV_PI_F * irradiance;
+            radiance = with_reflected(radiance, s.albedo, irradiance);
         }
     }
     store3(image, (size_t)pixel.y * width + pixel.x, radiance);
@@ -114,7 +113,8 @@ __kernel void probe_view(BVH_PARAMS, __global const float *camera, int width, in
             const float3 normal = normalize(hit * ray.direction - centre);
             float3 shown = (float3)(0.05f, 0.0f, 0.0f);
             if (probe_state(probe_data, probe) == (PROBE_ACTIVE | PROBE_BLENDED))
-                shown = INV_PI_F * stored_irradiance(irradiance_maps, probe, normal);
+                shown = diffuse_reflectance((float3)(1.0f)) *
+                        stored_irradiance(irradiance_maps, probe, normal);
             store3(image, (size_t)pixel.y * width + pixel.x, shown);
             return;
         }

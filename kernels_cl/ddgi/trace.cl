@@ -7,6 +7,7 @@
 #include "common/lights.cl"
 #include "common/material.cl"
 #include "common/sampling.cl"
+#include "common/shade.cl"
 #include "ddgi/gather.cl"
 #include "ddgi/rays.cl"
 
@@ -86,7 +87,7 @@ __kernel void probe_shade(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_
 #else
             const float3 irradiance =
                 direct + gathered_irradiance(VOLUME_ARGS, MAP_ARGS, s.position, bias, s.normal);
-            radiance = s.emission + s.albedo * INV_PI_F * irradiance;
+            radiance = with_reflected(s.emission, s.albedo, irradiance);
 #endif
         }
     }

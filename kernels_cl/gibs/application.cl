@@ -4,14 +4,16 @@
 #include "common/environment.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
+#include "common/pixels.cl"
 #include "common/sampling.cl"
+#include "common/shade.cl"
 #include "gibs/gather.cl"
 
 // Application marks the surfels of every pixel once in so many frames, another pixel of each 4 x 4
 // block every frame: a visible surfel covers far more pixels than that.
 #define MARKED_SIDE 4
 
-// gbuffer: one work-item per pixel, in tiled order (common/sampling.cl).
+// gbuffer: one work-item per pixel, in tiled order (common/pixels.cl).
 // g_position: position, m, and as int the object's number from 1; 0 where there is no surface's front.
 // g_normal: unit shading normal. g_albedo: albedo. direct: (pixels, 3) emission and reflected direct
 // light, or the environment. object_of: (triangles,) object numbers from 0.
@@ -40,7 +42,7 @@ __kernel void gbuffer(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARA
             const float3 irradiance =
                 direct_irradiance(BVH_ARGS, LIGHT_ARGS, back_along_ray(s.position, ray.direction),
                                   s.normal, s.geometric_normal);
-            radiance = s.emission + s.albedo * INV_PI_F * irradiance;
+            radiance = with_reflected(s.emission, s.albedo, irradiance);
         }
     }
     g_position[at] = (float4)(position, as_float(object));
@@ -72,7 +74,7 @@ __kernel void application(__global const uint *frame, GATHER_PARAMS, int width, 
         const Gathered g = gather(GATHER_ARGS, position.xyz, g_normal[at].xyz,
                                   marks ? seen : (__global uint *)0, number);
         result = (float4)(g.irradiance, g.coverage);
-        radiance += g_albedo[at].xyz * INV_PI_F * g.irradiance;
+        radiance = with_reflected(radiance, g_albedo[at].xyz, g.irradiance);
     }
     indirect[at] = result;
     store3(image, at, radiance);

@@ -7,6 +7,7 @@
 #include "common/lights.cl"
 #include "common/material.cl"
 #include "common/sampling.cl"
+#include "common/shade.cl"
 #include "gibs/gather.cl"
 #include "gibs/estimator.cl"
 
@@ -153,7 +154,7 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
 #if COUNT_RAYS
             radiance = direct;
 #else
-            radiance = s.emission + s.albedo * INV_PI_F * (direct + g.irradiance);
+            radiance = with_reflected(s.emission, s.albedo, direct + g.irradiance);
 #endif
         }
     }

@@ -5,8 +5,9 @@
 #include "common/lightmap.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
+#include "common/pixels.cl"
 #include "common/sampling.cl"
-#include "common/show.cl"
+#include "common/shade.cl"
 
 typedef struct {
     float x[PACKET] __attribute__((aligned(64)));
@@ -23,7 +24,7 @@ inline void set_vector(Vectors *v, int i, float3 value)
 
 #define LANES(array) (*(const pfloat *)(array))
 
-// forward_render: one work-item per PACKET pixels in a row of the tiled order (sampling.cl), whose
+// forward_render: one work-item per PACKET pixels in a row of the tiled order (common/pixels.cl), whose
 // primary rays and whose shadow rays to one light run as packets; else as in forward_render.cl.
 __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                              __global const float *camera, int width, int height, int show,
@@ -72,7 +73,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
         const Surface s = surface_at(SURFACE_ARGS, hit);
         if (dot(s.geometric_normal, direction) >= 0.0f)
             continue;
-        reflectance[i] = s.albedo * INV_PI_F;
+        reflectance[i] = diffuse_reflectance(s.albedo);
 #if INDIRECT
         if (show & SHOW_INDIRECT)
             radiance[i] = reflectance[i] * lightmap_irradiance(LIGHTMAP_ARGS, hit);
@@ -121,7 +122,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
             LANES(directions.y), LANES(directions.z), LANES(limits));
         for (int i = 0; i < PACKET; ++i) {
             if (limits[i] > 0.0f && !blocked[i])
-                radiance[i] += reflectance[i] * gains[i];
+                radiance[i] = with_diffuse(radiance[i], reflectance[i], gains[i]);
         }
     }
     for (int i = 0; i < PACKET; ++i) {

@@ -5,14 +5,15 @@
 #include "common/lightmap.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
+#include "common/pixels.cl"
 #include "common/sampling.cl"
-#include "common/show.cl"
+#include "common/shade.cl"
 
-// forward_render: one work-item per pixel, in tiled order (sampling.cl).
+// forward_render: one work-item per pixel, in tiled order (common/pixels.cl).
 //   radiance = emission + albedo / pi (direct + indirect irradiance), the environment on a miss,
 //   black on a surface's back. Bennett 2019, section 5.4 (there by rasterisation).
 //   With COUNT_RAYS=1 every channel holds the pixel's number of shadow rays instead.
-// image: (height, width, 3) W/m2/sr. show: as in show.cl. Built with INDIRECT=0 it takes and reads no lightmap.
+// image: (height, width, 3) W/m2/sr. show: sum of SHOW_DIRECT and SHOW_INDIRECT. Built with INDIRECT=0 it takes and reads no lightmap.
 __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                              __global const float *camera, int width, int height, int show,
 #if INDIRECT
@@ -46,7 +47,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
 #if COUNT_RAYS
             radiance = irradiance;
 #else
-            radiance += s.albedo * INV_PI_F * irradiance;
+            radiance = with_reflected(radiance, s.albedo, irradiance);
 #endif
         }
     }

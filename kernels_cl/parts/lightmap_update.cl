@@ -1,6 +1,7 @@
 // What every receiver sends out: the input of the next indirect bounce.
 #include "common/bvh.cl"
 #include "common/lights.cl"
+#include "common/shade.cl"
 #include "common/vec.cl"
 
 // lightmap_update: one work-item per receiver.
@@ -23,6 +24,6 @@ __kernel void lightmap_update(BVH_PARAMS, LIGHT_PARAMS, __global const float *po
     float3 irradiance = direct_irradiance(BVH_ARGS, LIGHT_ARGS, load3(position, i), n, n);
     if (bounces)
         irradiance += indirect[texel[i]].xyz;
-    const float3 out = load3(emission, i) + load3(albedo, i) * INV_PI_F * irradiance;
+    const float3 out = with_reflected(load3(emission, i), load3(albedo, i), irradiance);
     radiance[texel[i]] = (float4)(out, 1.0f);
 }

@@ -56,7 +56,9 @@ def test_vertices_are_where_float64_puts_them(size):
     assert len(vertices) and len(rest)
     for frame in (2, 0, 3):
         begin(shared, frame, size)
-        positions, normals = (shared.device.read(b) for b in shared.surface_args[:2])
+        positions, normals = (
+            shared.device.read(b) for b in (shared.surfaces.positions, shared.surfaces.normals)
+        )
         expected, directions = moved_in(scene, motion, frame)
         # Four products and sums of float32, of a transform that is rounded to it before.
         m = np.abs(motion.transforms_in(frame)[objects])
@@ -178,7 +180,10 @@ def test_nothing_drifts_in_a_thousand_frames():
     shared = FrameScene(open_device(), scene, 8, 8, scene.cameras[0], motion=motion)
 
     def state():
-        return [shared.device.read(b) for b in (*shared.surface_args[:2], *shared.bvh_args)]
+        return [
+            shared.device.read(b)
+            for b in (shared.surfaces.positions, shared.surfaces.normals, *shared.bvh_args)
+        ]
 
     at_rest = state()
     begin(shared, 0, 64)
@@ -274,7 +279,7 @@ def test_vertices_that_no_triangle_uses_rest():
     shared, motion = moving(rng, scene, ("left box",))
     assert motion.vertices(scene)[0].max() < len(scene.positions) - 2
     begin(shared, 1, 16)
-    np.testing.assert_array_equal(shared.device.read(shared.surface_args[0])[-2:], loose)
+    np.testing.assert_array_equal(shared.device.read(shared.surfaces.positions)[-2:], loose)
 
 
 def test_a_scene_of_one_triangle_moves():

@@ -8,6 +8,7 @@ from gibench.device import Device
 from gibench.profiles import load_profile
 from gibench.techniques.gibs.grid import NEIGHBOURS, SurfelGeometry, SurfelGrid, UniformGrid
 from gibench.techniques.launching import prepare_launch
+from gibench.techniques.parts.macros import SCENE_MACROS
 
 STRETCH = 4.0  # what the tests and benchmarks of sorting use
 BOUNDS = (np.zeros(3), np.array([1.0, 0.7, 0.9]))
@@ -21,9 +22,9 @@ def any_size_device():
 def defines(capacity, grid=None, **others):
     """Macros of the kernels that look surfels up."""
     grid = grid or UniformGrid.around(BOUNDS, 4)
-    return {**grid.defines, "CAPACITY": capacity, "ENTRIES": 27 * capacity, "PUBLISHED": False,
-            "ALL_NEIGHBOURS": False, "NORMAL_STRETCH": STRETCH, "VEC": 8, "DEPTH": True,
-            "GUIDING": True, "FLOORED": True, **others}  # fmt: skip
+    return {**SCENE_MACROS, **grid.defines, "CAPACITY": capacity, "ENTRIES": 27 * capacity,
+            "PUBLISHED": False, "ALL_NEIGHBOURS": False, "NORMAL_STRETCH": STRETCH, "VEC": 8,
+            "DEPTH": True, "GUIDING": True, "FLOORED": True, **others}  # fmt: skip
 
 
 def frame_words(alive, camera=(0, 0, 0), angle=0.0, least=0.01, most=np.inf, frame=1, rays=0):

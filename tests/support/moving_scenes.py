@@ -102,7 +102,7 @@ def read_tree(frame_scene) -> Bvh:
 
 def read_corners(frame_scene):
     """The triangles (t, 3, 3) as they lie on the device now."""
-    return frame_scene.device.read(frame_scene.surface_args[0])[frame_scene.scene.triangles]
+    return frame_scene.device.read(frame_scene.surfaces.positions)[frame_scene.scene.triangles]
 
 
 def shaded_room():

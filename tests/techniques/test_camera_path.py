@@ -16,7 +16,7 @@ from gibench.scene.load import load_scene
 from gibench.scene.model import Camera
 from gibench.techniques.camera_path import CameraPath, Flight, FlightOptions, built_in_flight
 from gibench.techniques.direct import SPEC as DIRECT
-from gibench.techniques.parts.frame_scene import camera_table
+from gibench.techniques.parts.camera_table import camera_table
 from gibench.techniques.registry import CreateContext
 
 TWO = "positions = [[0, 1, 0], [1, 1, 0.5]]\ntargets = [[1, 1, 0], [1.5, 1, 0]]"

@@ -6,17 +6,11 @@ from support.shading_oracle import direct_irradiance, open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
 from gibench.techniques.launching import prepare_launch
-from gibench.techniques.parts.frame_scene import (
-    FrameLightmap,
-    FrameScene,
-    border_texels,
-    frame_scene_bytes,
-    srgb_codes,
-    srgb_to_linear,
-)
+from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
+from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
+from gibench.techniques.parts.material_table import srgb_codes, srgb_to_linear
 from gibench.techniques.parts.shared_passes import (
-    SHOW_DIRECT,
-    SHOW_INDIRECT,
     dilate,
     forward_launch,
     lightmap_update,

@@ -100,7 +100,10 @@ def test_direct_light_is_that_of_the_scene_as_it_lies(monkeypatch, variant, widt
         sure = expected.certain
         assert sure.mean() > 0.8
         np.testing.assert_allclose(image[sure], expected.direct[sure], rtol=5e-4, atol=2e-4)
-        positions, normals = (technique.device.read(b) for b in technique.scene.surface_args[:2])
+        positions, normals = (
+            technique.device.read(b)
+            for b in (technique.scene.surfaces.positions, technique.scene.surfaces.normals)
+        )
         resting = direct(replace(moved, positions=positions, normals=normals), None, variant, size)
         enqueue_frame(resting, prepare_passes(resting, size), frame)
         there = resting.device.read(resting.scene.image)

@@ -12,12 +12,8 @@ from gibench.techniques.ddgi.blending import Blending, distance_share
 from gibench.techniques.ddgi.probes import ACTIVE, STORED, Probes
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.shared_passes import (
-    SHOW_DIRECT,
-    SHOW_INDIRECT,
-    TILE_SIDE,
-    with_shadow_rays,
-)
+from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
+from gibench.techniques.parts.shared_passes import with_shadow_rays
 from gibench.techniques.technique import Argument, Launch, LocalMemory, Pass, Work
 
 SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
@@ -131,7 +127,7 @@ class DdgiPasses:
         rays = self.blending.rays
         device.write(rays, np.zeros(rays.shape, rays.dtype))
         # One probe beside the other: four floats a ray, which fit wherever the variant's own do.
-        program = device.program("ddgi/trace.cl", {**p.defines(1), "COUNT_RAYS": 1})
+        program = self.scene.program("ddgi/trace.cl", {**p.defines(1), "COUNT_RAYS": 1})
         launch = replace(self._shade()[0], program=program)
         prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
         shaded = p.volume.probes * p.settings.blended
@@ -185,7 +181,7 @@ class DdgiPasses:
 
     def application(self, show: int = SHOW_DIRECT | SHOW_INDIRECT) -> Launch:
         """The launch that renders the camera image with the probes' light."""
-        program = self.probes.device.program("ddgi/application.cl", self._defines())
+        program = self.scene.program("ddgi/application.cl", self._defines())
         args: tuple[Argument, ...] = (
             *self._shading_args,
             *self.scene.camera_args,
@@ -198,7 +194,7 @@ class DdgiPasses:
 
     def receivers(self, position: Buffer, normal: Buffer, irradiance: Buffer) -> Launch:
         """The launch that gathers irradiance at points (n, 3) with normals (n, 3)."""
-        program = self.probes.device.program("ddgi/application.cl", self._defines())
+        program = self.scene.program("ddgi/application.cl", self._defines())
         count = position.shape[0]
         args: tuple[Argument, ...] = (
             *self.probes.volume_args,
@@ -209,7 +205,7 @@ class DdgiPasses:
 
     def probe_view(self, radius: float) -> Launch:
         """The launch that draws the probes over the image as spheres of ``radius``, m."""
-        program = self.probes.device.program("ddgi/application.cl", self._defines())
+        program = self.scene.program("ddgi/application.cl", self._defines())
         args: tuple[Argument, ...] = (
             *self.scene.bvh_args,
             *self.scene.camera_args,
@@ -220,8 +216,7 @@ class DdgiPasses:
 
     @property
     def _tiled_pixels(self) -> int:
-        tiles = -(-self.scene.width // TILE_SIDE) * -(-self.scene.height // TILE_SIDE)
-        return tiles * TILE_SIDE**2
+        return tiled_pixels(self.scene.width, self.scene.height)
 
     @property
     def _shading_args(self) -> tuple[Argument, ...]:
@@ -233,17 +228,20 @@ class DdgiPasses:
 
     def _trace(self) -> Sequence[Launch]:
         p = self.probes
-        program = p.device.program("ddgi/trace.cl", self._defines())
-        positions, _, _, triangles, *_ = self.scene.surface_args
+        program = self.scene.program("ddgi/trace.cl", self._defines())
+        surfaces = self.scene.surfaces
         args: tuple[Argument, ...] = (
-            *(*self.scene.bvh_args, positions, triangles, *p.volume_args),
+            *self.scene.bvh_args,
+            surfaces.positions,
+            surfaces.triangles,
+            *p.volume_args,
             *(p.directions, p.fixed_distance, p.hits),
         )
         return [Launch(program, "probe_trace", args, items=p.volume.probes * p.settings.rays)]
 
     def _shade(self) -> Sequence[Launch]:
         p = self.probes
-        program = p.device.program("ddgi/trace.cl", self._defines())
+        program = self.scene.program("ddgi/trace.cl", self._defines())
         args: tuple[Argument, ...] = (
             *(*self._shading_args, *p.volume_args, *p.map_args),
             *(p.directions, p.hits, self.blending.rays),

@@ -15,7 +15,8 @@ from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.shared_passes import SHOW_DIRECT, SHOW_INDIRECT, rendered
+from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
+from gibench.techniques.parts.shared_passes import rendered
 from gibench.techniques.registry import TUNED, CreateContext
 from gibench.techniques.technique import FloatArray, Launch, Pass
 

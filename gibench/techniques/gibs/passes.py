@@ -15,9 +15,9 @@ from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.macros import tiled_pixels
 from gibench.techniques.technique import Argument, Launch, LocalMemory, Work
 
-TILE_SIDE = 8  # kernels_cl/common/sampling.cl
 PLACEMENT_TILE = 16  # kernels_cl/gibs/life.cl
 COVERAGE_STEPS = 4096
 _WIDTHS = (1, 2, 4, 8, 16)
@@ -136,8 +136,7 @@ class FramePasses:
     @property
     def pixel_items(self) -> int:
         """Work-items that visit all pixels in tiled order."""
-        across, down = (-(-n // TILE_SIDE) for n in (self.scene.width, self.scene.height))
-        return across * down * TILE_SIDE**2
+        return tiled_pixels(self.scene.width, self.scene.height)
 
     def alive_or_placed(self) -> int:
         """The most surfels there can be after placement."""
@@ -188,7 +187,7 @@ class FramePasses:
         the frame's end have left their rays to those that moved to their places in the list.
         """
         device, light = self.scene.device, self.surfels.ray_light
-        program = device.program("gibs/irradiance.cl", {**self.defines, "COUNT_RAYS": 1})
+        program = self.scene.program("gibs/irradiance.cl", {**self.defines, "COUNT_RAYS": 1})
         prepare_launch(device, self._trace(program), workgroup_size).enqueue(device.queue)
         shadow_rays = device.read(light)[: self.rays(), 0].sum(dtype=np.float64)
         return replace(work, rays=work.rays + float(shadow_rays))
@@ -297,4 +296,4 @@ class FramePasses:
         ]
 
     def _program(self, name: str) -> Program:
-        return self.scene.device.program(f"gibs/{name}.cl", self.defines)
+        return self.scene.program(f"gibs/{name}.cl", self.defines)

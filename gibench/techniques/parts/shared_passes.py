@@ -15,12 +15,10 @@ from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import DirectionalLight, SpotLight
 from gibench.techniques.launching import prepare_launch
-from gibench.techniques.parts.frame_scene import FrameLightmap, FrameScene, border_texels
+from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
 from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Technique, Work
-
-SHOW_DIRECT = 1  # kernels_cl/common/show.cl
-SHOW_INDIRECT = 2
-TILE_SIDE = 8  # kernels_cl/common/sampling.cl
 
 
 def frame_passes(technique: Technique) -> list[Pass]:
@@ -50,7 +48,7 @@ def lightmap_update(
     count = len(receivers.lightmap.receivers)
 
     def launches() -> Sequence[Launch]:
-        program = scene.device.program("parts/lightmap_update.cl")
+        program = scene.program("parts/lightmap_update.cl")
         args: tuple[Argument, ...] = (
             *scene.bvh_args,
             *scene.light_args,
@@ -168,7 +166,7 @@ def forward_launch(
         defines["PACKET"] = packet
     if count_rays:
         defines["COUNT_RAYS"] = 1
-    program = scene.device.program(source, defines)
+    program = scene.program(source, defines)
     lookup: tuple[Argument, ...] = ()
     if indirect is not None and receivers is not None:
         size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
@@ -183,9 +181,8 @@ def forward_launch(
         *lookup,
         scene.image,
     )
-    tiles = -(-scene.width // TILE_SIDE) * -(-scene.height // TILE_SIDE)
-    pixels = tiles * TILE_SIDE**2
-    return Launch(program, "forward_render", args, items=pixels // packet)
+    items = tiled_pixels(scene.width, scene.height) // packet
+    return Launch(program, "forward_render", args, items=items)
 
 
 def suits_packets(device: Device) -> bool:

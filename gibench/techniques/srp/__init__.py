@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gibench.scene.model import Scene
-from gibench.techniques.parts.frame_scene import FrameLightmap, frame_scene_bytes
+from gibench.techniques.parts.frame_lightmap import FrameLightmap
+from gibench.techniques.parts.frame_scene import frame_scene_bytes
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER, SrpBake, sh_count
 from gibench.techniques.srp.settings import SrpSettings

@@ -9,7 +9,8 @@ import numpy as np
 
 from gibench.arrays import Floats
 from gibench.device import Buffer, Device
-from gibench.techniques.parts.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.parts.frame_lightmap import FrameLightmap
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.storage import STORAGE_BYTES
 from gibench.techniques.technique import Pass, Work

@@ -12,7 +12,7 @@ from gibench.scene.model import (
     Camera,
     Scene,
 )
-from gibench.techniques.parts.frame_scene import camera_table
+from gibench.techniques.parts.camera_table import camera_table
 from gibench.techniques.srp.bake.sh import sh_basis
 from gibench.techniques.technique import FloatArray
 

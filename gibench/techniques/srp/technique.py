@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
-from gibench.techniques.parts.frame_scene import FrameLightmap, FrameScene
+from gibench.techniques.parts.frame_lightmap import FrameLightmap
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.shared_passes import (
-    SHOW_DIRECT,
-    SHOW_INDIRECT,
     forward_render,
     lightmap_update,
     rendered,

@@ -9,7 +9,7 @@ import numpy as np
 from gibench.arrays import Floats
 from gibench.errors import CannotRun
 from gibench.scene.lightmap import Lightmap
-from gibench.techniques.parts.frame_scene import border_texels
+from gibench.techniques.parts.frame_lightmap import border_texels
 from gibench.techniques.parts.shared_passes import dilate
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import SrpInput

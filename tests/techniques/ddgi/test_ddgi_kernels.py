@@ -28,7 +28,7 @@ from support.synthetic_bake import random_lightmap, random_scene, random_unit
 
 from gibench.device import kernel_source
 from gibench.rays.embree import EmbreeTracer
-from gibench.techniques.parts.frame_scene import camera_table
+from gibench.techniques.parts.camera_table import camera_table
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,25 @@
+// The order in which pixels are visited.
+// Macros: TILE_SIDE (8), of gibench.techniques.parts.macros.
+#ifndef GIBENCH_PIXELS
+#define GIBENCH_PIXELS
+
+// Pixels are visited in tiles of 8 x 8, within a tile along a Morton curve, so that the rays of
+// neighbouring work-items run together.
+#define TILE_PIXELS (TILE_SIDE * TILE_SIDE)
+
+inline int even_bits(int code)
+{
+    return (code & 1) | ((code >> 1) & 2) | ((code >> 2) & 4);
+}
+
+// The pixel of work-item `item`; may lie outside the image at its right and lower border.
+inline int2 tiled_pixel(int item, int width)
+{
+    const int tiles_across = (width + TILE_SIDE - 1) / TILE_SIDE;
+    const int tile = item / TILE_PIXELS;
+    const int code = item % TILE_PIXELS;
+    return (int2)((tile % tiles_across) * TILE_SIDE + even_bits(code),
+                  (tile / tiles_across) * TILE_SIDE + even_bits(code >> 1));
+}
+
+#endif
