@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
 __all__ = ["__version__", "load_run"]
+
+# Warnings are shown where somebody asks for them: the command line does (gibench.cli.notices).
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 
 def load_run(path: str | Path) -> Any:

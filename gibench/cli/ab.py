@@ -69,7 +69,7 @@ def ab(
     cache_dir: options.CacheDir = None,
     markdown: comparing.MarkdownFile = None,
     json: comparing.JsonFile = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Time one kernel tree against another and fail only if it is established to be slower.
 

@@ -127,8 +127,11 @@ def advise(
     if rows.empty:
         raise Interrupted("interrupted before anything was measured")
     table = advice(rows, budget_ms)
+    warnings = shared.scene(scene).warnings
     folder.write_text("advice.csv", csv_text(table))
-    folder.write_text("advice.md", advice_report(table, profile.name, budget_ms, cpu_name()))
+    folder.write_text(
+        "advice.md", advice_report(table, profile.name, budget_ms, cpu_name(), warnings)
+    )
     if (table["status"] == "ok").any():
         plot_advice(folder.path / "pareto", table, budget_ms, cpu_name())
     if not quiet:

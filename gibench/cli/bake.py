@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
 
 from gibench.cli import options
@@ -18,7 +16,7 @@ def bake(
     settings: options.Set = None,
     seed: options.Seed = 0,
     cache_dir: options.CacheDir = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Compute ahead what 'gibench run' needs, and keep it in the cache; nothing is timed.
 

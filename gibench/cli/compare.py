@@ -21,7 +21,7 @@ def compare(
     seed: options.Seed = 0,
     markdown: comparing.MarkdownFile = None,
     json: comparing.JsonFile = None,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Compare recorded times, pass by pass, and fail only on an established slowdown.
 

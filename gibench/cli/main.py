@@ -26,6 +26,7 @@ from gibench.cli import (
     techniques,
 )
 from gibench.cli.layout import Sectioned
+from gibench.cli.notices import notices
 from gibench.cli.options import paragraphs
 from gibench.errors import GibenchError, Interrupted
 
@@ -103,7 +104,7 @@ def call(arguments: list[str], *, debug: bool = False) -> int:
     """Run the command line and return its exit code."""
     command = typer.main.get_command(app)
     try:
-        with command.make_context("gibench", arguments) as context:
+        with notices(), command.make_context("gibench", arguments) as context:
             command.invoke(context)
             sys.stdout.flush()
         return 0

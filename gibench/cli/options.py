@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from gibench.cli.notices import errors_only
 from gibench.errors import BadInput
 
 if TYPE_CHECKING:
@@ -238,7 +239,13 @@ SettleFrames = Annotated[
 ]
 Quiet = Annotated[
     bool,
-    typer.Option("--quiet", "-q", help="Print errors only.", rich_help_panel=OUTPUT),
+    typer.Option(
+        "--quiet",
+        "-q",
+        callback=errors_only,
+        help="Print errors only.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 
 

@@ -181,8 +181,10 @@ def quality(
     outcome = compare(configurations, how, shared, cl_device, take)
     if outcome.rows:
         table = quality_table(outcome.rows, COLUMNS)
+        scenes = [shared.scene(name) for name in dict.fromkeys(scene)]
+        warnings = {found.name: found.warnings for found in scenes}
         folder.write_text("quality.csv", csv_text(table))
-        folder.write_text("quality.md", quality_report(table, cpu_name()))
+        folder.write_text("quality.md", quality_report(table, cpu_name(), warnings))
         if not quiet:
             show_quality(table, cpu_name())
             typer.echo(f"see {folder.path}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -15,8 +16,14 @@ from gibench.report.terminal import console
 _HEAD = ("technique", "settings", "receivers", "ms", "MiB", "rel. L2", "bias", "fits", "Pareto")
 
 
-def advice_report(table: pd.DataFrame, profile: str, budget_ms: float, machine: str) -> str:
-    """``advice.md``."""
+def advice_report(
+    table: pd.DataFrame,
+    profile: str,
+    budget_ms: float,
+    machine: str,
+    warnings: Sequence[str] = (),
+) -> str:
+    """``advice.md``, with the ``warnings`` of the scene's loading."""
     lines = [
         "# gibench advise",
         "",
@@ -31,6 +38,7 @@ def advice_report(table: pd.DataFrame, profile: str, budget_ms: float, machine: 
     for _, row in table.iterrows():
         note = str(row["reason"] or "").replace("|", "\\|")
         lines.append("| " + " | ".join([*_cells(row), note]) + " |")
+    lines += [f"\n> {warning}" for warning in warnings]
     return "\n".join(lines) + "\n"
 
 

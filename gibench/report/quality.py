@@ -75,12 +75,15 @@ def open_text(row: Mapping[str, Any] | pd.Series) -> str:
     )
 
 
-def quality_report(table: pd.DataFrame, machine: str) -> str:
+def quality_report(
+    table: pd.DataFrame, machine: str, warnings: Mapping[str, Sequence[str]] | None = None
+) -> str:
     """``quality.md``.
 
     Args:
         table: see :func:`quality_table`.
         machine: in words, what the times were measured on.
+        warnings: of each scene's loading, by its name.
     """
     head = ["result", "region", *_TITLES.values(), "ms", "MiB", "frames", "note"]
     lines = ["# gibench quality", "", f"**Measured on** {machine}. {NOT_THEIRS}"]
@@ -100,6 +103,7 @@ def quality_report(table: pd.DataFrame, machine: str) -> str:
             "|" + " --- |" * len(head),
         ]
         lines += ["| " + " | ".join(_cells(row)) + " |" for _, row in group.iterrows()]
+        lines += [f"\n> {warning}" for warning in (warnings or {}).get(str(scene), ())]
     lines += ["", *_MEANING]
     return "\n".join(lines) + "\n"
 

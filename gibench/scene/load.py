@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 from gibench.errors import BadInput
@@ -12,15 +13,27 @@ from gibench.scene.readers.clean import clean
 from gibench.scene.readers.mesh import read_mesh
 from gibench.scene.readers.scene_file import load_scene_file
 
+_LOG = logging.getLogger(__name__)
+
 
 def load_scene(name_or_path: str) -> Scene:
     """Load a built-in scene by name, or a ``.gltf``, ``.glb``, ``.obj`` or scene ``.toml`` by path.
+
+    What a file holds that is not used, or not as it stands, is in ``Scene.warnings``, and each is
+    logged as a warning of ``gibench.scene.load``.
 
     Raises:
         BadInput: there is no such scene, or the file is broken.
     """
     if name_or_path in builtin.names():
         return builtin.build(name_or_path)
+    scene = _from_file(name_or_path)
+    for warning in scene.warnings:
+        _LOG.warning("%s: %s", scene.name, warning)
+    return scene
+
+
+def _from_file(name_or_path: str) -> Scene:
     path = Path(name_or_path)
     if not _exists(path):
         raise BadInput(

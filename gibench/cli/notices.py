@@ -1,0 +1,52 @@
+"""What is worth knowing but stops nothing: one line each on standard error, each once."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_LOG = logging.getLogger("gibench")
+
+
+class _Lines(logging.Handler):
+    """Prints ``gibench: warning: ...``; a line that was printed before is not printed again."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._said: set[str] = set()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print the record unless it was printed before."""
+        line = " ".join(record.getMessage().split())
+        if line not in self._said:
+            self._said.add(line)
+            print(f"gibench: warning: {line}", file=sys.stderr)
+
+
+@contextmanager
+def notices() -> Iterator[None]:
+    """While the block runs, warnings of gibench and of libraries are printed in lines of ours."""
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        _LOG.warning("%s (%s of a library)", message, category.__name__)
+
+    handler, level = _Lines(), _LOG.level
+    _LOG.addHandler(handler)
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = show
+            yield
+    finally:
+        _LOG.removeHandler(handler)
+        _LOG.setLevel(level)
+
+
+def errors_only(quiet: bool) -> bool:
+    """Print no warnings any more if ``quiet``, which is handed back: what ``-q`` does."""
+    if quiet:
+        _LOG.setLevel(logging.ERROR)
+    return quiet
