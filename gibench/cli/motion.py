@@ -9,7 +9,7 @@ import typer
 from gibench.cli.options import OUTPUT
 
 if TYPE_CHECKING:
-    from gibench.measure.plan.motion import MotionOptions
+    from gibench.techniques.object_motion import MotionOptions
 
 MotionChoice = Annotated[
     str,
@@ -33,8 +33,8 @@ def motion(path: str) -> MotionOptions:
     """
     from pathlib import Path
 
-    from gibench.measure.plan.motion import REST, SCENE, MotionOptions
     from gibench.scene.motion.file import load_motions
+    from gibench.techniques.object_motion import REST, SCENE, MotionOptions
 
     if path not in (REST, SCENE):
         load_motions(Path(path))

@@ -8,7 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from gibench.device import Device
 from gibench.scene.model import Scene
+from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.parts.macros import SHOW_DIRECT
 from gibench.techniques.parts.shared_passes import (
@@ -16,7 +18,7 @@ from gibench.techniques.parts.shared_passes import (
     rendered,
     suits_packets,
 )
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, CreateContext, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
 from gibench.techniques.technique import FloatArray, Pass
 
 
@@ -29,7 +31,9 @@ class Direct:
     """Primary rays and direct light with shadow rays, one pass.
 
     Args:
-        context: what it is created from.
+        device: where it runs.
+        job: what is asked.
+        world: what is seen.
 
     Raises:
         CannotRun: the scene does not fit the device's profile.
@@ -37,20 +41,12 @@ class Direct:
 
     name: ClassVar[str] = "direct"
 
-    def __init__(self, context: CreateContext) -> None:
-        self.device = context.device
-        self._receivers = len(context.lightmap.receivers)
-        self._workgroup_size = context.workgroup_size
-        self._packets = context.variant == TUNED and suits_packets(context.device)
-        self.scene = FrameScene(
-            context.device,
-            context.scene,
-            context.width,
-            context.height,
-            context.camera,
-            flight=context.flight,
-            motion=context.motion,
-        )
+    def __init__(self, device: Device, job: Job, world: World) -> None:
+        self.device = device
+        self._receivers = len(world.lightmap.receivers)
+        self._workgroup_size = job.group_size
+        self._packets = job.variant == TUNED and suits_packets(device)
+        self.scene = FrameScene.of(device, job.shot, world)
 
     @property
     def nbytes(self) -> int:
@@ -98,6 +94,7 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Direct,
     memory_floor=_memory_floor,
-    follows_motion=True,
+    # It has no indirect light, which is as right wherever things are.
+    follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     memory_options=("--resolution",),
 )

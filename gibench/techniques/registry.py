@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
+from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from gibench.device import Device
 from gibench.errors import BadInput
+from gibench.profiles.profile import DeviceProfile, Figure
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Camera, Scene
-from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.techniques.camera_path import Flight
+from gibench.scene.model import Scene
+from gibench.techniques.camera_path import FlightOptions
+from gibench.techniques.job import Job, Shot, World
+from gibench.techniques.object_motion import MotionOptions
 from gibench.techniques.technique import Technique
 
 PUBLISHED = "published"
@@ -40,44 +43,30 @@ class BakeContext:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class CreateContext:
-    """What a technique is created from.
+class Follows(Enum):
+    """What of a technique follows things that move."""
 
-    Attributes:
-        device: where it will run.
-        scene: the scene.
-        lightmap: its atlas.
-        settings: the technique's own settings dataclass.
-        baked: what the technique's ``bake`` returned.
-        variant: ``published`` or ``tuned``.
-        workgroup_size: work-items per group wherever the algorithm does not fix it.
-        width: of the camera image, pixels.
-        height: of the camera image, pixels.
-        camera: the view.
-        seed: of every random choice.
-        flight: that the camera takes; None where it rests.
-        motion: of the scene's objects; None where they rest.
-    """
+    DIRECT_LIGHT = "direct light"
+    """What the camera sees, and the light that comes straight to it from point, spot and
+    directional lights."""
+    INDIRECT_LIGHT = "indirect light"
+    """The light that surfaces throw on each other; otherwise it stays that of the scene at rest."""
+    RECEIVERS = "receivers"
+    """The lightmap's receivers are asked for where they have moved to."""
 
-    device: Device
-    scene: Scene
-    lightmap: Lightmap
-    settings: Any
-    baked: Any
-    variant: str
-    workgroup_size: int
-    width: int
-    height: int
-    camera: Camera
-    seed: int = 0
-    flight: Flight | None = None
-    motion: MovingObjects | None = None
+
+def no_sweep(scene: Scene) -> Mapping[str, tuple[Any, ...]]:
+    """For a technique of which advice tries nothing but its defaults."""
+    return {}
+
+
+def no_check(scene: Scene, settings: Any) -> None:
+    """For a technique whose settings suit every scene."""
 
 
 @dataclass(frozen=True)
 class TechniqueSpec:
-    """A technique as the command line sees it.
+    """A technique as the command line sees it; plain functions only, so that it pickles.
 
     Attributes:
         name: on the command line.
@@ -93,8 +82,8 @@ class TechniqueSpec:
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
         check: refuses settings that do not suit a scene (BadInput) before any long work.
-        follows_motion: whether it renders objects that move; what holds only for the scene at rest
-            (a bake) does not.
+        follows: what of it follows objects that move; what holds only for the scene at rest (a
+            bake) does not. One that does not follow with its direct light is not run with motion.
         memory_options: what on the command line lowers its memory, for messages; its receivers
             are on the device only where ``--receivers`` is among them.
     """
@@ -104,11 +93,11 @@ class TechniqueSpec:
     variants: tuple[str, ...]
     settings_type: type[Any]
     bake: Callable[[BakeContext], Any]
-    create: Callable[[CreateContext], Technique]
+    create: Callable[[Device, Job, World], Technique]
     memory_floor: Callable[[Scene, int, Any, int, int], int]
-    sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = field(default=lambda scene: {})
-    check: Callable[[Scene, Any], None] = field(default=lambda scene, settings: None)
-    follows_motion: bool = False
+    sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
+    check: Callable[[Scene, Any], None] = no_check
+    follows: frozenset[Follows] = frozenset()
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
     def settings(self, values: Mapping[str, Any]) -> Any:
@@ -150,3 +139,21 @@ def find_technique(name: str) -> TechniqueSpec:
             f"no technique called '{name}'", mend=f"the techniques are {', '.join(sorted(specs))}"
         )
     return specs[name]
+
+
+def job_of(record: Mapping[str, Any]) -> Job:
+    """The job whose :meth:`Job.record` this is.
+
+    Raises:
+        BadInput: there is no such technique or setting.
+    """
+    shot, profile = dict(record["shot"]), dict(record["profile"])
+    shot["flight"] = FlightOptions(**shot["flight"])
+    shot["motion"] = MotionOptions(**shot["motion"])
+    profile["figures"] = {name: Figure(**each) for name, each in profile["figures"].items()}
+    named = {
+        "settings": find_technique(record["technique"]).settings(record["settings"]),
+        "profile": DeviceProfile(**profile),
+        "shot": Shot(**shot),
+    }
+    return Job(**{**record, **named})

@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyopencl as cl
 import pytest
+from support.made import made
 from support.synthetic_bake import random_lightmap, random_scene, random_unit
 
 from gibench.device import Device
 from gibench.measure.session.enqueue import prepare_passes
 from gibench.profiles import load_profile
-from gibench.techniques.registry import CreateContext
 from gibench.techniques.srp import SPEC
 from gibench.techniques.srp.bake.data import Cluster, ProbeSet, RelightSamples, SrpBake
 
@@ -86,10 +86,9 @@ def prepare(case, variant, storage):
     scene, lightmap, bake = case
     device = Device(load_profile("vega56"))
     settings = SPEC.settings({"storage": storage})
-    technique = SPEC.create(
-        CreateContext(
-            device, scene, lightmap, settings, bake, variant, WORKGROUP, 64, 64, scene.cameras[0]
-        )
+    technique = made(
+        *(SPEC, device, scene, lightmap, settings, bake, variant, WORKGROUP, 64, 64),
+        scene.cameras[0],
     )
     passes = {one.name: one for one in prepare_passes(technique, WORKGROUP)}
     assert all(one.status == "ok" for one in passes.values()), passes

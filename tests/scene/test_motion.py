@@ -10,12 +10,12 @@ from support.moving_scenes import LEFT, crowd, furnished_room, random_motion
 from gibench.cli.main import call
 from gibench.errors import BadInput
 from gibench.measure.compare.timings import _motion
-from gibench.measure.plan.motion import MotionOptions
 from gibench.scene.builtin import moving_names, names
 from gibench.scene.load import load_scene
 from gibench.scene.motion.file import load_motions
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import IDENTITY, Keyframes, Turn
+from gibench.techniques.object_motion import MotionOptions
 
 ORIGIN = (0.0, 0.0, 0.0)
 

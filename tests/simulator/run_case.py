@@ -23,6 +23,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cases import Case
 from recording import record_kernels
+from support.made import made as create
 from support.reference_scenes import lightmap_of, random_scene
 
 from gibench.device import Device, list_devices
@@ -42,7 +43,7 @@ from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.model import Camera
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Turn
-from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec, find_technique
+from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique
 from gibench.techniques.srp.bake import stages as srp_bake
 from gibench.techniques.srp.bake import transport
 from gibench.techniques.technique import Technique
@@ -146,12 +147,10 @@ def created(
     spec, context, data = baked(case, cache)
     scene = context.scene
     motion = MovingObjects.of(scene, MOTIONS) if case.what == "moving" else None
-    made = spec.create(
-        CreateContext(
-            *(Device(PROFILE), scene, context.lightmap, context.settings, data),
-            *(case.variant, case.size, width, height, scene.cameras[0]),
-            motion=motion,
-        )
+    made = create(
+        *(spec, Device(PROFILE), scene, context.lightmap, context.settings, data),
+        *(case.variant, case.size, width, height, scene.cameras[0]),
+        motion=motion,
     )
     prepared = prepare_passes(made, case.size)
     for item in prepared:

@@ -11,7 +11,8 @@ import numpy as np
 from gibench.measure.session.enqueue import prepare_pass
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi import SPEC, Ddgi, DdgiSettings
-from gibench.techniques.registry import BakeContext, CreateContext
+from gibench.techniques.registry import BakeContext
+from support.made import made
 from support.shading_oracle import bilinear, direct_irradiance, open_device, quantised
 from support.synthetic_bake import random_lightmap
 
@@ -43,11 +44,11 @@ def create(
     camera = scene.cameras[0]
     opened = open_device(**device)
     sizes = (variant, size, *image)
-    return Ddgi(
-        CreateContext(
-            opened, scene, lightmap, chosen, volume, *sizes, camera, flight=flight, motion=motion
-        )
-    )
+    technique: Ddgi = made(
+        *(SPEC, opened, scene, lightmap, chosen, volume), *sizes, camera,
+        flight=flight, motion=motion,
+    )  # fmt: skip
+    return technique
 
 
 def run_pass(technique, name, size):

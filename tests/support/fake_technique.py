@@ -7,8 +7,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from gibench.device import Device
 from gibench.errors import BadInput
-from gibench.techniques.registry import BakeContext, CreateContext, TechniqueSpec
+from gibench.techniques.job import Job, World
+from gibench.techniques.registry import BakeContext, TechniqueSpec
 from gibench.techniques.technique import Launch, Pass, Work
 
 FLOATS = 4096
@@ -34,12 +36,12 @@ class FakeSettings:
 class Fake:
     name: ClassVar[str] = "fake"
 
-    def __init__(self, context: CreateContext) -> None:
-        self.device, self.settings = context.device, FakeSettings()
-        if isinstance(context.settings, FakeSettings):
-            self.settings = context.settings
-        self.receivers = len(context.lightmap.receivers)
-        rng = np.random.default_rng(context.seed)
+    def __init__(self, device: Device, job: Job, world: World) -> None:
+        self.device, self.settings = device, FakeSettings()
+        if isinstance(job.settings, FakeSettings):
+            self.settings = job.settings
+        self.receivers = len(world.lightmap.receivers)
+        rng = np.random.default_rng(job.seed)
         self.a = self.device.empty("a", FLOATS, np.float32)
         self.b = self.device.upload("b", rng.random(FLOATS, np.float32))
         self.state = self.device.empty(
@@ -94,6 +96,10 @@ def bake(context: BakeContext) -> None:
         raise BadInput("the bake refuses")
 
 
+def floor(scene, n, settings, width, height):
+    return n * settings.floor_per_receiver
+
+
 SPEC = TechniqueSpec(
     name="fake",
     title="Two streaming passes",
@@ -101,7 +107,7 @@ SPEC = TechniqueSpec(
     settings_type=FakeSettings,
     bake=bake,
     create=Fake,
-    memory_floor=lambda scene, n, settings, width, height: n * settings.floor_per_receiver,
+    memory_floor=floor,
 )
 
 

@@ -13,7 +13,8 @@ from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.gibs import SPEC
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.shared_passes import frame_passes
-from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.registry import TUNED
+from support.made import made
 
 
 def box_parts(low, high, inwards):
@@ -92,9 +93,8 @@ def gibs(scene, variant=TUNED, size=64, width=64, height=48, seed=3, profile=Non
     motion = settings.pop("motion", None)
     profile = profile or replace(load_profile("vega56"), simd_width=1, max_workgroup_size=4096)
     sizes = (variant, size, width, height)
-    context = CreateContext(Device(profile), scene, no_receivers(), SPEC.settings(settings), None,
-                            *sizes, scene.cameras[0], seed, flown, motion)  # fmt: skip
-    return SPEC.create(context)
+    return made(SPEC, Device(profile), scene, no_receivers(), SPEC.settings(settings), None,
+                *sizes, scene.cameras[0], seed, flown, motion)  # fmt: skip
 
 
 class Frames:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gibench.techniques.registry import CreateContext
 from gibench.techniques.srp import SPEC
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.stages import bake_srp
+from support.made import made
 from support.shading_oracle import open_device
 from support.tiny_scenes import room
 
@@ -15,11 +15,9 @@ VARIANTS = ("published", "tuned")
 def create(bake, scene, lightmap, variant, size, settings=None, local_memory=16384):
     device = open_device(local_memory=local_memory)
     values = {"sh_order": bake.sh_order, **(settings or {})}
-    return SPEC.create(
-        CreateContext(
-            device, scene, lightmap, SPEC.settings(values), bake, variant, size, 24, 16,
-            scene.cameras[0],
-        )
+    return made(
+        SPEC, device, scene, lightmap, SPEC.settings(values), bake, variant, size, 24, 16,
+        scene.cameras[0],
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.ddgi_oracle import create as ddgi
 from support.gibs_scenes import furnished, gibs
+from support.made import made
 from support.shading_oracle import open_device
 from support.synthetic_bake import random_lightmap
 
@@ -17,7 +18,6 @@ from gibench.scene.model import Camera
 from gibench.techniques.camera_path import CameraPath, Flight, FlightOptions, built_in_flight
 from gibench.techniques.direct import SPEC as DIRECT
 from gibench.techniques.parts.camera_table import camera_table
-from gibench.techniques.registry import CreateContext
 
 TWO = "positions = [[0, 1, 0], [1, 1, 0.5]]\ntargets = [[1, 1, 0], [1.5, 1, 0]]"
 
@@ -137,9 +137,8 @@ def test_the_built_in_flight_shows_what_the_camera_at_rest_does_not(name):
 def direct(scene, flight):
     """Direct light on a device of its own."""
     lightmap = random_lightmap(np.random.default_rng(1), scene, 5, 4, 4)
-    context = CreateContext(open_device(), scene, lightmap, DIRECT.settings({}), None, "tuned",
-                            64, 24, 16, scene.cameras[0], 0, flight)  # fmt: skip
-    return DIRECT.create(context)
+    return made(DIRECT, open_device(), scene, lightmap, DIRECT.settings({}), None, "tuned",
+                64, 24, 16, scene.cameras[0], 0, flight)  # fmt: skip
 
 
 @pytest.mark.parametrize("which", ["flight", "file"])

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from support.ddgi_oracle import create as ddgi
 from support.gibs_scenes import Frames, gibs
+from support.made import made as create
 from support.moving_scenes import (
     LEFT,
     RIGHT,
@@ -30,7 +31,7 @@ from gibench.scene.motion.poses import Keyframes, Turn
 from gibench.techniques.direct import SPEC as DIRECT
 from gibench.techniques.gibs.settings import PERSPECTIVE
 from gibench.techniques.parts.shared_passes import frame_passes
-from gibench.techniques.registry import PUBLISHED, TUNED, CreateContext, techniques
+from gibench.techniques.registry import PUBLISHED, TUNED, Follows, techniques
 
 MOVES = ["move_vertices", "refit_leaves", "refit_nodes"]
 
@@ -38,9 +39,8 @@ MOVES = ["move_vertices", "refit_leaves", "refit_nodes"]
 def direct(scene, motion=None, variant=TUNED, size=64, image=(48, 32)):
     """Direct light on a device of its own."""
     lightmap = random_lightmap(np.random.default_rng(1), scene, 5, 4, 4)
-    context = CreateContext(open_device(), scene, lightmap, DIRECT.settings({}), None, variant,
-                            size, *image, scene.cameras[0], motion=motion)  # fmt: skip
-    return DIRECT.create(context)
+    return create(DIRECT, open_device(), scene, lightmap, DIRECT.settings({}), None, variant,
+                  size, *image, scene.cameras[0], motion=motion)  # fmt: skip
 
 
 def made(scene, motion):
@@ -55,7 +55,8 @@ def made(scene, motion):
 def test_every_technique_that_follows_gains_the_passes_first_and_nothing_else():
     scene = furnished_room()
     motion = MovingObjects.of(scene, [Turn(LEFT, (0, 1, 0))])
-    assert {s.name for s in techniques().values() if s.follows_motion} == {"direct", "ddgi", "gibs"}
+    following = {n for n, spec in techniques().items() if Follows.DIRECT_LIGHT in spec.follows}
+    assert following == {"direct", "ddgi", "gibs"}
     for resting, moving in zip(made(scene, None), made(scene, motion), strict=True):
         own = [item.name for item in resting.passes()]
         assert [item.name for item in frame_passes(resting)] == own

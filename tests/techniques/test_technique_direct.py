@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.made import made
 from support.shading_oracle import open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-from gibench.techniques.registry import BakeContext, CreateContext, find_technique
+from gibench.techniques.registry import BakeContext, find_technique
 from gibench.techniques.technique import Launch, Pass, Technique
 
 
@@ -20,10 +21,8 @@ def direct(tmp_path):
     spec = find_technique("direct")
     settings = spec.settings({})
     baked = spec.bake(BakeContext(scene, lightmap, settings, tmp_path))
-    return spec.create(
-        CreateContext(
-            open_device(), scene, lightmap, settings, baked, "tuned", 64, 40, 30, scene.cameras[0]
-        )
+    return made(
+        spec, open_device(), scene, lightmap, settings, baked, "tuned", 64, 40, 30, scene.cameras[0]
     )
 
 

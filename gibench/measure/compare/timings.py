@@ -12,11 +12,11 @@ import numpy as np
 from gibench.errors import BadInput
 from gibench.measure.compare.lockstep import FRAME
 from gibench.measure.compare.runs import RowKey, Timings
-from gibench.measure.plan.motion import SCENE
 from gibench.measure.runfolder.folder import RECORD
 from gibench.measure.runfolder.results import plain_settings
 from gibench.measure.runfolder.stored_run import StoredRun, read_run
 from gibench.techniques.camera_path import REST
+from gibench.techniques.object_motion import SCENE
 from gibench.techniques.registry import techniques
 
 _MEND = "give a run's folder, a folder of such folders, or a JSON file of pytest-benchmark"

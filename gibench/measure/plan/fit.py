@@ -10,8 +10,9 @@ from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.profiles import DeviceProfile
 from gibench.scene.model import Scene
+from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.registry import CreateContext, TechniqueSpec
+from gibench.techniques.registry import TechniqueSpec
 
 FEWEST_RECEIVERS = 64
 """What --fit goes down to."""
@@ -136,32 +137,30 @@ def _any_of(options: Sequence[str]) -> str:
     return " or ".join(filter(None, (", ".join(options[:-1]), options[-1])))
 
 
-def measure_demand(spec: TechniqueSpec, context: CreateContext) -> Demand | None:
-    """What ``spec`` allocates for ``context`` on its device without the profile's memory limits.
+def measure_demand(spec: TechniqueSpec, device: Device, job: Job, world: World) -> Demand | None:
+    """What ``spec`` allocates on ``device`` without the profile's memory limits.
 
     None where it cannot be told: the executing device itself has too little, or something else
     than memory forbids it.
     """
-    refused = context.device
-    lifted = replace(refused.profile, memory_budget_bytes=_NO_LIMIT, max_buffer_bytes=_NO_LIMIT)
+    limits = device.profile
+    lifted = replace(limits, memory_budget_bytes=_NO_LIMIT, max_buffer_bytes=_NO_LIMIT)
     try:
-        fixed = _fixed_part(Device(lifted, refused.cl_device), context)
-        device = Device(lifted, refused.cl_device)
-        spec.create(replace(context, device=device))
+        fixed = _fixed_part(Device(lifted, device.cl_device), job, world)
+        free = Device(lifted, device.cl_device)
+        spec.create(free, job, world)
     except (GibenchError, MemoryError):
         return None
-    ledger = device.memory
+    ledger = free.memory
     demand = Demand(
         ledger.peak_bytes, max(ledger.allocated.values(), default=0), sum(fixed), max(fixed)
     )
-    limits = refused.profile
     if demand.total <= limits.memory_budget_bytes and demand.largest <= limits.max_buffer_bytes:
         return None
     return demand
 
 
-def _fixed_part(device: Device, context: CreateContext) -> list[int]:
+def _fixed_part(device: Device, job: Job, world: World) -> list[int]:
     """Bytes of every buffer that no number of receivers changes."""
-    size = (context.width, context.height)
-    FrameScene(device, context.scene, *size, context.camera, motion=context.motion)
+    FrameScene.of(device, job.shot, world)
     return list(device.memory.allocated.values())

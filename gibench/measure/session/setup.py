@@ -10,14 +10,15 @@ from gibench.device import Device
 from gibench.errors import CannotRun
 from gibench.measure.plan.configuration import Configuration
 from gibench.measure.plan.fit import FEWEST_RECEIVERS, Footprint, has_receivers, measure_demand
-from gibench.measure.plan.motion import MotionOptions
 from gibench.measure.plan.stopping import Plan
 from gibench.measure.plan.view import choose_camera
 from gibench.measure.runfolder.results import ConfigurationResult
 from gibench.measure.session.shared import Shared
 from gibench.scene.model import Scene
 from gibench.techniques.camera_path import FlightOptions
-from gibench.techniques.registry import CreateContext, TechniqueSpec, techniques
+from gibench.techniques.job import Job, Shot, World
+from gibench.techniques.object_motion import MotionOptions
+from gibench.techniques.registry import Follows, TechniqueSpec, techniques
 from gibench.techniques.technique import HasNotes, Technique
 
 
@@ -82,7 +83,7 @@ def set_up(
     camera = choose_camera(scene, options.camera)
     flight = options.flight.of(scene, camera)
     motion = options.motion.of(scene)
-    if motion is not None and not spec.follows_motion:
+    if motion is not None and Follows.DIRECT_LIGHT not in spec.follows:
         raise _stands_still(spec)
     result.camera = camera.name
     asked = receivers = configuration.receivers or scene.receivers
@@ -91,28 +92,26 @@ def set_up(
     if options.fit:
         receivers = footprint.most_receivers(asked) or asked
     footprint.check(receivers)
+    job = Job(
+        spec.name,
+        settings,
+        configuration.variant,
+        configuration.scene,
+        profile,
+        configuration.workgroup_size,
+        configuration.receivers,
+        options.seed,
+        Shot(options.width, options.height, options.camera, options.flight, options.motion),
+    )
     while True:
         lightmap, baked = shared.baked(spec, settings, configuration.scene, receivers)
-        context = CreateContext(
-            device=Device(profile, cl_device, options.kernel_root),
-            scene=scene,
-            lightmap=lightmap,
-            settings=settings,
-            baked=baked,
-            variant=configuration.variant,
-            workgroup_size=configuration.workgroup_size,
-            width=options.width,
-            height=options.height,
-            camera=camera,
-            seed=options.seed,
-            flight=flight,
-            motion=motion,
-        )
+        device = Device(profile, cl_device, options.kernel_root)
+        world = World(scene, lightmap, baked, camera, flight, motion)
         try:
-            technique = spec.create(context)
+            technique = spec.create(device, job, world)
             break
         except CannotRun as error:
-            demand = measure_demand(spec, context)
+            demand = measure_demand(spec, device, job, world)
             fewer = 0
             if demand is not None and has_receivers(spec):
                 fewer = demand.receivers_that_fit(profile, receivers)
@@ -124,13 +123,15 @@ def set_up(
         result.notes.append(f"{result.reason}, so that it fits profile {profile.name}")
     if motion is not None:
         result.notes.append(motion.note())
+        if Follows.INDIRECT_LIGHT not in spec.follows:
+            result.notes.append("its indirect light stays that of the scene at rest")
     if isinstance(technique, HasNotes):
         result.notes += technique.notes()
-    return context.device, technique
+    return device, technique
 
 
 def _stands_still(spec: TechniqueSpec) -> CannotRun:
-    able = sorted(one.name for one in techniques().values() if one.follows_motion)
+    able = sorted(one.name for one in techniques().values() if Follows.DIRECT_LIGHT in one.follows)
     return CannotRun(
         f"{spec.name} cannot follow objects that move: what it bakes holds for the scene at rest",
         mend=f"run it without --motion, or {', '.join(able)} with it",

@@ -9,7 +9,7 @@ from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.technique import Ddgi
 from gibench.techniques.ddgi.volume import Volume, make_volume
 from gibench.techniques.parts.frame_scene import frame_scene_bytes
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
 
 __all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]
 
@@ -44,7 +44,7 @@ SPEC = TechniqueSpec(
     bake=_bake,
     create=Ddgi,
     memory_floor=_memory_floor,
-    follows_motion=True,
+    follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     sweep=_sweep,
     check=_check,
     memory_options=("--probes", "--set ddgi.rays", "--resolution"),

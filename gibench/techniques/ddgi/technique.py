@@ -7,17 +7,19 @@ from typing import ClassVar
 
 import numpy as np
 
+from gibench.device import Device
 from gibench.scene.model import Camera
 from gibench.techniques.ddgi.blending import Blending, Published, Tuned, lanes_of
 from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume
+from gibench.techniques.job import Job, World
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.shared_passes import rendered
-from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.registry import TUNED
 from gibench.techniques.technique import FloatArray, Launch, Pass
 
 # A drawn probe's radius over the least spacing: with the greatest offset (0.45) it still fits its
@@ -29,7 +31,9 @@ class Ddgi:
     """DDGI on a device.
 
     Args:
-        context: what it is created from; ``baked`` is the volume.
+        device: where it runs.
+        job: what is asked.
+        world: what is seen; ``baked`` is the volume.
 
     Raises:
         CannotRun: it does not fit the device's profile.
@@ -37,31 +41,22 @@ class Ddgi:
 
     name: ClassVar[str] = "ddgi"
 
-    def __init__(self, context: CreateContext) -> None:
-        settings: DdgiSettings = context.settings
-        volume: Volume = context.baked
-        device = context.device
+    def __init__(self, device: Device, job: Job, world: World) -> None:
+        settings: DdgiSettings = job.settings
+        volume: Volume = world.baked
         self.device = device
-        self._context, self._settings = context, settings
-        self.scene = FrameScene(
-            device,
-            context.scene,
-            context.width,
-            context.height,
-            context.camera,
-            flight=context.flight,
-            motion=context.motion,
-        )
-        self.probes = Probes.create(device, settings, volume, context.seed)
-        tuned = context.variant == TUNED
+        self._job, self._world, self._settings = job, world, settings
+        self.scene = FrameScene.of(device, job.shot, world)
+        self.probes = Probes.create(device, settings, volume, job.seed)
+        tuned = job.variant == TUNED
         self.blending: Blending = Tuned(self.probes) if tuned else Published(self.probes)
-        self._passes = DdgiPasses(self.scene, self.probes, self.blending, context.workgroup_size)
+        self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size)
 
     @property
     def nbytes(self) -> int:
         """Bytes of device memory it takes, in closed form."""
         probes, settings = self.probes.volume.probes, self._settings
-        if self._context.variant == TUNED:
+        if self._job.variant == TUNED:
             lanes = lanes_of(self.device.vector_width, self.device.profile.simd_width)
             own = Tuned.bytes_of(settings, probes, lanes)
         else:
@@ -90,7 +85,7 @@ class Ddgi:
             "indirect only": self._passes.application(SHOW_INDIRECT),
         }
         images = {title: self._drawn(launch) for title, launch in launches.items()}
-        size = self._context.workgroup_size
+        size = self._job.group_size
         images["direct only"] = rendered(self.scene, size, SHOW_DIRECT)
         self.device.write(self.scene.image, images["frame"])
         radius = _RADIUS_SHARE * min(self.probes.volume.spacing)
@@ -106,7 +101,7 @@ class Ddgi:
         Raises:
             CannotRun: they do not fit beside the technique.
         """
-        receivers, device = self._context.lightmap.receivers, self.device
+        receivers, device = self._world.lightmap.receivers, self.device
         held = []
         try:
             for name, array in (
@@ -130,11 +125,11 @@ class Ddgi:
         return {
             "probes": probes,
             "rays": probes * self._settings.rays,
-            "receivers": len(self._context.lightmap.receivers),
+            "receivers": len(self._world.lightmap.receivers),
         }
 
     def _run(self, launch: Launch) -> None:
-        size = self._context.workgroup_size
+        size = self._job.group_size
         prepare_launch(self.device, launch, size).enqueue(self.device.queue)
 
     def _drawn(self, launch: Launch) -> FloatArray:

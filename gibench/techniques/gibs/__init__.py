@@ -8,7 +8,7 @@ from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.gibs.technique import Gibs
 from gibench.techniques.parts.frame_scene import frame_scene_bytes
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
 
 __all__ = ["SPEC", "Gibs", "GibsSettings"]
 
@@ -26,6 +26,10 @@ def _memory_floor(
     return frame_scene_bytes(scene, width, height) + own
 
 
+def _sweep(scene: Scene) -> dict[str, tuple[float, ...]]:
+    return {"rays_per_surfel": (1.0, 4.0)}
+
+
 SPEC = TechniqueSpec(
     name="gibs",
     title="Surfels (GIBS)",
@@ -34,7 +38,7 @@ SPEC = TechniqueSpec(
     bake=_no_bake,
     create=Gibs,
     memory_floor=_memory_floor,
-    follows_motion=True,
+    follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     memory_options=("--set gibs.surfels", "--resolution"),
-    sweep=lambda scene: {"rays_per_surfel": (1.0, 4.0)},
+    sweep=_sweep,
 )

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Buffer
+from gibench.device import Buffer, Device
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.gibs.grid import (
@@ -32,10 +32,11 @@ from gibench.techniques.gibs.surfels import (
     rays_in_frame,
 )
 from gibench.techniques.gibs.work import FrameSizes, frame_work
+from gibench.techniques.job import Job, World
 from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.parts.shared_passes import with_shadow_rays
-from gibench.techniques.registry import PUBLISHED, CreateContext
+from gibench.techniques.registry import PUBLISHED
 from gibench.techniques.technique import FloatArray, Launch, Pass, Work
 
 
@@ -52,7 +53,9 @@ class Gibs:
     more is dispatched than surfels are alive.
 
     Args:
-        context: what it is created from.
+        device: where it runs.
+        job: what is asked.
+        world: what is seen.
 
     Raises:
         CannotRun: scene or surfels do not fit the device's profile.
@@ -60,28 +63,18 @@ class Gibs:
 
     name: ClassVar[str] = "gibs"
 
-    def __init__(self, context: CreateContext) -> None:
-        settings: GibsSettings = context.settings
-        self._context, self.settings, self.device = context, settings, context.device
-        scene, size = context.scene, context.workgroup_size
-        published = context.variant == PUBLISHED
+    def __init__(self, device: Device, job: Job, world: World) -> None:
+        settings: GibsSettings = job.settings
+        self._job, self._world, self.settings, self.device = job, world, settings, device
+        scene, size = world.scene, job.group_size
+        published = job.variant == PUBLISHED
         self._refuse_too_many(published)
         grid = grid_of(scene, settings)
-        self.scene = FrameScene(
-            context.device,
-            scene,
-            context.width,
-            context.height,
-            context.camera,
-            flight=context.flight,
-            motion=context.motion,
-        )
-        self.surfels = Surfels.create(
-            context.device, settings, self.scene.object_transforms(), size
-        )
+        self.scene = FrameScene.of(device, job.shot, world)
+        self.surfels = Surfels.create(device, settings, self.scene.object_transforms(), size)
         entries = entries_of(settings, published)
         self.grid = SurfelGrid(
-            context.device,
+            device,
             grid,
             self.surfels.geometry,
             published,
@@ -89,7 +82,7 @@ class Gibs:
             settings.normal_stretch,
             size,
         )
-        self.view = CameraView.create(context.device, scene, context.width, context.height)
+        self.view = CameraView.create(device, scene, job.shot.width, job.shot.height)
         diagonal = float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
         self._most = grid.largest_radius
         self._least = min(settings.smallest_radius * diagonal, self._most)
@@ -110,7 +103,7 @@ class Gibs:
     @property
     def nbytes(self) -> int:
         """Bytes of device memory it takes, in closed form; receivers come when asked for."""
-        return self.scene.nbytes + own_bytes(self._context)
+        return self.scene.nbytes + own_bytes(self.device, self._job, self._world)
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order. Before any frame no surfel is alive: what they do is
@@ -217,14 +210,14 @@ class Gibs:
     def gathered(self) -> FloatArray:
         """Indirect irradiance, W/m2, and coverage (n, 4) at the receivers."""
         if self._receivers is None:
-            receivers = self._context.lightmap.receivers
+            receivers = self._world.lightmap.receivers
             self._receivers = (
                 self.device.upload("receiver_position", receivers.position),
                 self.device.upload("receiver_normal", receivers.normal),
                 self.device.empty("receiver_indirect", (len(receivers), 4), np.float32),
             )
         launch = self._passes.gather_points(*self._receivers)
-        prepare_launch(self.device, launch, self._context.workgroup_size).enqueue(self.device.queue)
+        prepare_launch(self.device, launch, self._job.group_size).enqueue(self.device.queue)
         return self.device.read(self._receivers[2])
 
     def life(self) -> dict[str, int]:
@@ -245,14 +238,14 @@ class Gibs:
         return {
             "surfels": self.life()["alive"],
             "surfel_capacity": self.settings.surfels,
-            "receivers": len(self._context.lightmap.receivers),
+            "receivers": len(self._world.lightmap.receivers),
         }
 
     def _frame_words(self, camera: Camera) -> npt.NDArray[np.uint32]:
         """What kernels_cl/gibs/frame.cl reads, (10,)."""
         angle = 2 * math.tan(math.radians(camera.fov_degrees) / 2) * self.settings.radius_share
         words = np.zeros(FRAME_WORDS, np.uint32)
-        words[:4] = self._alive, self._number, self._rays, self._context.seed & 0xFFFFFFFF
+        words[:4] = self._alive, self._number, self._rays, self._job.seed & 0xFFFFFFFF
         floats = np.array([*camera.position, angle, self._least, self._most], np.float32)
         words[4:] = floats.view(np.uint32)
         return words
@@ -261,8 +254,8 @@ class Gibs:
         """Refuse more surfels than the profile's budget holds, before anything is allocated."""
         memory = self.device.memory
         budget = memory.profile.memory_budget_bytes - memory.total_bytes
-        scene = frame_scene_bytes(self._context.scene, self._context.width, self._context.height)
-        needed = scene + own_bytes(self._context)
+        scene = frame_scene_bytes(self._world.scene, self._job.shot.width, self._job.shot.height)
+        needed = scene + own_bytes(self.device, self._job, self._world)
         if needed > budget:
             raise CannotRun(
                 f"{self.settings.surfels:,} surfels and the scene take {needed:,} bytes; "
@@ -283,16 +276,14 @@ def entries_of(settings: GibsSettings, published: bool) -> int:
     return settings.surfels * (NEIGHBOURS if published else settings.entries_per_surfel)
 
 
-def own_bytes(context: CreateContext) -> int:
+def own_bytes(device: Device, job: Job, world: World) -> int:
     """Bytes beyond the :class:`FrameScene`, in closed form."""
-    settings: GibsSettings = context.settings
-    published, size = context.variant == PUBLISHED, context.workgroup_size
-    grid = grid_of(context.scene, settings)
-    triangles = len(context.scene.triangles)
+    settings: GibsSettings = job.settings
+    published, size = job.variant == PUBLISHED, job.group_size
+    grid = grid_of(world.scene, settings)
+    triangles = len(world.scene.triangles)
     return (
         Surfels.bytes_of(settings, size)
-        + SurfelGrid.bytes_of(
-            context.device, grid, published, entries_of(settings, published), size
-        )
-        + CameraView.bytes_of(triangles, context.width, context.height)
+        + SurfelGrid.bytes_of(device, grid, published, entries_of(settings, published), size)
+        + CameraView.bytes_of(triangles, job.shot.width, job.shot.height)
     )

@@ -13,6 +13,7 @@ from gibench.rays.device_bvh import DeviceBvh
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
+from gibench.techniques.job import Shot, World
 from gibench.techniques.parts.camera_table import CAMERA_FLOATS, camera_table
 from gibench.techniques.parts.light_table import light_table
 from gibench.techniques.parts.macros import LIGHT_FLOATS, SCENE_MACROS
@@ -129,6 +130,23 @@ class FrameScene:
                 normals=self.surfaces.normals,
                 triangles=self.surfaces.triangles,
             )
+
+    @staticmethod
+    def of(device: Device, shot: Shot, world: World) -> FrameScene:
+        """What ``shot`` sees of ``world``.
+
+        Raises:
+            CannotRun: the scene does not fit the device's profile.
+        """
+        return FrameScene(
+            device,
+            world.scene,
+            shot.width,
+            shot.height,
+            world.camera,
+            flight=world.flight,
+            motion=world.motion,
+        )
 
     @property
     def surface_args(self) -> tuple[Buffer, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar
 
+from gibench.device import Device
+from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
@@ -14,7 +16,7 @@ from gibench.techniques.parts.shared_passes import (
     rendered,
     suits_packets,
 )
-from gibench.techniques.registry import TUNED, CreateContext
+from gibench.techniques.registry import TUNED
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
 from gibench.techniques.srp.probe_view import probe_view
@@ -28,7 +30,9 @@ class Srp:
     """SRP on a device.
 
     Args:
-        context: what it is created from.
+        device: where it runs.
+        job: what is asked.
+        world: what is seen.
 
     Raises:
         CannotRun: it does not fit the device's profile.
@@ -36,21 +40,13 @@ class Srp:
 
     name: ClassVar[str] = "srp"
 
-    def __init__(self, context: CreateContext) -> None:
-        settings: SrpSettings = context.settings
-        bake: SrpBake = context.baked
-        device = context.device
+    def __init__(self, device: Device, job: Job, world: World) -> None:
+        settings: SrpSettings = job.settings
+        bake: SrpBake = world.baked
         self.device = device
-        self._context, self._settings, self._bake = context, settings, bake
-        self.scene = FrameScene(
-            device,
-            context.scene,
-            context.width,
-            context.height,
-            context.camera,
-            flight=context.flight,
-        )
-        self.receivers = FrameLightmap.upload(device, context.lightmap)
+        self._job, self._world, self._settings, self._bake = job, world, settings, bake
+        self.scene = FrameScene.of(device, job.shot, world)
+        self.receivers = FrameLightmap.upload(device, world.lightmap)
         self.indirect = self.receivers.new_map("indirect")
         self.sizes = TransportSizes.of(bake)
         self.turns = ProbeTurns(device, self.sizes.probes, settings.probe_update_fraction)
@@ -61,18 +57,18 @@ class Srp:
             self.sizes,
             settings.storage,
             settings.probe_update_fraction,
-            context.workgroup_size,
+            job.group_size,
             self.turns,
             self.indirect,
         )
-        self._packets = context.variant == TUNED and suits_packets(context.device)
-        self.variant: SrpVariant = Tuned(given) if context.variant == TUNED else Published(given)
+        self._packets = job.variant == TUNED and suits_packets(device)
+        self.variant: SrpVariant = Tuned(given) if job.variant == TUNED else Published(given)
 
     @property
     def nbytes(self) -> int:
         """Bytes of device memory it takes, in closed form."""
-        storage, lightmap = self._settings.storage, self._context.lightmap
-        if self._context.variant == TUNED:
+        storage, lightmap = self._settings.storage, self._world.lightmap
+        if self._job.variant == TUNED:
             own = tuned_bytes(self._bake, lightmap, storage, self.device.vector_width)
         else:
             own = published_bytes(self.sizes, storage, self.receivers.texels)
@@ -106,7 +102,7 @@ class Srp:
         images = {
             title: rendered(
                 self.scene,
-                self._context.workgroup_size,
+                self._job.group_size,
                 show,
                 self.receivers,
                 self.indirect,
@@ -117,7 +113,7 @@ class Srp:
         images["probes"] = probe_view(
             images["frame"],
             self.scene.camera,
-            self._context.scene,
+            self._world.scene,
             self._bake.probes.positions,
             self.variant.probe_radiance(),
         )
@@ -131,7 +127,7 @@ class Srp:
         """Probes, receivers, clusters and light basis vectors."""
         return {
             "probes": self.sizes.probes,
-            "receivers": len(self._context.lightmap.receivers),
+            "receivers": len(self._world.lightmap.receivers),
             "clusters": self.sizes.clusters,
             "light_basis_vectors": self.sizes.rows,
         }

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from support.made import made
 from support.shading_oracle import open_device
 from support.srp_setups import VARIANTS, create
 from support.synthetic_bake import random_bake, random_lightmap, random_scene
@@ -12,7 +13,7 @@ from gibench.device import Device
 from gibench.errors import BadInput, CannotRun
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
-from gibench.techniques.registry import CreateContext, find_technique
+from gibench.techniques.registry import find_technique
 from gibench.techniques.srp import SPEC, SrpSettings
 
 PASSES = [
@@ -149,19 +150,9 @@ def test_what_the_local_memory_forbids_is_skipped_alone(setting):
 def test_a_workgroup_size_the_profile_forbids_is_skipped(setting):
     scene, lightmap, bake = setting
     device = open_device(simd_width=32)
-    technique = SPEC.create(
-        CreateContext(
-            device,
-            scene,
-            lightmap,
-            SPEC.settings({"sh_order": 4}),
-            bake,
-            "tuned",
-            48,
-            8,
-            8,
-            scene.cameras[0],
-        )
+    technique = made(
+        *(SPEC, device, scene, lightmap, SPEC.settings({"sh_order": 4}), bake, "tuned"),
+        *(48, 8, 8, scene.cameras[0]),
     )
     for one in prepare_passes(technique, 48):
         assert one.status == "skipped"
@@ -172,19 +163,9 @@ def test_a_budget_too_small_is_refused_before_it_is_used(setting):
     scene, lightmap, bake = setting
     profile = replace(load_profile("iphone7"), memory_budget_bytes=100_000)
     with pytest.raises(CannotRun, match="are left"):
-        SPEC.create(
-            CreateContext(
-                Device(profile),
-                scene,
-                lightmap,
-                SPEC.settings({}),
-                bake,
-                "tuned",
-                64,
-                64,
-                64,
-                scene.cameras[0],
-            )
+        made(
+            *(SPEC, Device(profile), scene, lightmap, SPEC.settings({}), bake, "tuned"),
+            *(64, 64, 64, scene.cameras[0]),
         )
 
 

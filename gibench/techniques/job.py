@@ -1,0 +1,99 @@
+"""What one technique is asked to do (a job), and the world it does it in.
+
+A job is plain data: it pickles, and goes to JSON and back
+(:func:`gibench.techniques.registry.job_of`), so that another process can run it. A world is what
+its names stand for once they are loaded and baked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final, Literal
+
+from gibench.profiles import DeviceProfile
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Camera, Scene
+from gibench.scene.motion.moving_objects import MovingObjects
+from gibench.techniques.camera_path import Flight, FlightOptions
+from gibench.techniques.object_motion import MotionOptions
+
+AUTO: Final = "auto"
+"""A work-group size that is measured: every pass takes its best."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What the camera takes, and what moves meanwhile.
+
+    Attributes:
+        width: of the camera image, pixels.
+        height: of the camera image, pixels.
+        camera: number or name; None for the scene's first.
+        flight: that drives the camera.
+        motion: whether the scene's objects move.
+    """
+
+    width: int = 1334
+    height: int = 750
+    camera: str | None = None
+    flight: FlightOptions = field(default_factory=FlightOptions)
+    motion: MotionOptions = field(default_factory=MotionOptions)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One technique with its settings on one scene, within one profile's limits.
+
+    Attributes:
+        technique: its name.
+        settings: the technique's own settings dataclass.
+        variant: ``published`` or ``tuned``.
+        scene: a built-in name or a file.
+        profile: whose limits bind.
+        workgroup_size: work-items per group wherever the algorithm does not fix it, or ``auto``.
+        receivers: number to aim for; None leaves it to the scene.
+        seed: of every random choice.
+        shot: image, camera, flight and motion.
+    """
+
+    technique: str
+    settings: Any
+    variant: str
+    scene: str
+    profile: DeviceProfile
+    workgroup_size: int | Literal["auto"]
+    receivers: int | None = None
+    seed: int = 0
+    shot: Shot = field(default_factory=Shot)
+
+    @property
+    def group_size(self) -> int:
+        """Work-items per group; with ``auto`` the profile's own, until a better one is found."""
+        if self.workgroup_size == AUTO:
+            return self.profile.default_workgroup_size
+        return self.workgroup_size
+
+    def record(self) -> dict[str, Any]:
+        """As JSON can hold it."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class World:
+    """What a job's names stand for, loaded and baked; no device is involved.
+
+    Attributes:
+        scene: the scene.
+        lightmap: its atlas.
+        baked: what the technique's ``bake`` returned.
+        camera: the view.
+        flight: that the camera takes; None where it rests.
+        motion: of the scene's objects; None where they rest.
+    """
+
+    scene: Scene
+    lightmap: Lightmap
+    baked: Any
+    camera: Camera
+    flight: Flight | None = None
+    motion: MovingObjects | None = None

@@ -1,0 +1,46 @@
+"""A job and a spec are plain data: they pickle, and a job goes to JSON and back."""
+
+import json
+import pickle
+
+import pytest
+
+from gibench.profiles import load_profile
+from gibench.techniques.camera_path import FlightOptions
+from gibench.techniques.job import AUTO, Job, Shot
+from gibench.techniques.object_motion import MotionOptions
+from gibench.techniques.registry import job_of, techniques
+
+SPECS = techniques()
+EACH = [(name, variant) for name, spec in SPECS.items() for variant in spec.variants]
+
+
+def jobs(name, variant):
+    spec, profile = SPECS[name], load_profile("iphone7")
+    shot = Shot(24, 16, "front", FlightOptions("flight", 3, 5), MotionOptions("scene"))
+    yield Job(name, spec.settings({}), variant, "cornell-box", profile, 64)
+    yield Job(name, spec.settings({}), variant, "a/file.obj", profile, AUTO, 500, 7, shot)
+
+
+@pytest.mark.parametrize(("name", "variant"), EACH)
+def test_a_job_pickles_and_goes_to_json_and_back(name, variant):
+    for job in jobs(name, variant):
+        assert pickle.loads(pickle.dumps(job)) == job
+        assert job_of(json.loads(json.dumps(job.record()))) == job
+
+
+def test_settings_that_are_no_defaults_come_back_too():
+    settings = SPECS["ddgi"].settings({"counts": "2x3x4", "rays": 50, "relocation": False})
+    job = Job("ddgi", settings, "tuned", "hall", load_profile("vega56"), 32)
+    assert job_of(json.loads(json.dumps(job.record()))).settings == settings
+
+
+@pytest.mark.parametrize("name", sorted(SPECS))
+def test_a_spec_pickles(name):
+    assert pickle.loads(pickle.dumps(SPECS[name])) == SPECS[name]
+
+
+def test_auto_is_a_value_of_the_job_and_begins_at_the_profile_s_size():
+    first, second = jobs("direct", "tuned")
+    assert first.group_size == first.workgroup_size == 64
+    assert second.group_size == second.profile.default_workgroup_size
