@@ -34,9 +34,15 @@ class Buffer:
         return int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
 
 
-def nbytes_of(shape: tuple[int, ...], dtype: npt.DTypeLike) -> int:
-    """Bytes that an array of ``shape`` and ``dtype`` takes."""
-    return int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+@dataclass(frozen=True)
+class SharedBuffer(Buffer):
+    """A buffer in the host's own memory.
+
+    Attributes:
+        array: the host's view; the queue must be idle when the host looks.
+    """
+
+    array: npt.NDArray[Any] = field(repr=False, compare=False)
 
 
 @dataclass

@@ -12,7 +12,7 @@ Define = int | float | str | bool
 
 # No warnings (OpenCL 1.2, section 5.6.4.4): clang counts every 16-wide argument of an inlined
 # function as a change of the binary interface where the processor has no such registers.
-_OPTIONS = ("-w",)
+_OPTIONS = ("-w", "-cl-kernel-arg-info")
 
 # PoCL 3.0 prefers vectors of 16 on every x86 processor with AVX-512, yet its LLVM 14 compiles for
 # Zen 4 and later as for Zen 3, without it. There a program that calls a builtin on 16 floats is

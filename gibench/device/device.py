@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from copy import copy
 from importlib.resources.abc import Traversable
 from typing import Any
 
@@ -11,12 +11,15 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from gibench.device.buffers import Buffer, MemoryLedger, nbytes_of
+from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
 from gibench.device.build import Define, build_program, macro_options, vector_width
+from gibench.device.launch import Launch, PreparedLaunch, instrumented, set_arguments
+from gibench.device.layout import BufferSpec
 from gibench.device.pocl import name_processor
+from gibench.device.program import Program, ProgramSpec, find_instrument
 from gibench.device.source import kernel_source
 from gibench.errors import BadInput, CannotRun, GibenchError
-from gibench.profiles import DeviceProfile
+from gibench.profiles import DeviceProfile, unlimited_profile
 
 
 def list_devices() -> list[Any]:
@@ -47,26 +50,6 @@ def list_devices() -> list[Any]:
     return devices
 
 
-@dataclass
-class Program:
-    """A built program; kernels are retrieved once and kept (each retrieval costs)."""
-
-    source: str
-    built: Any = field(repr=False)
-    defines: Mapping[str, Define]
-
-    def kernel(self, name: str) -> Any:
-        """A new kernel object called ``name``, with arguments of its own.
-
-        Raises:
-            GibenchError: the program has no such kernel.
-        """
-        try:
-            return cl.Kernel(self.built, name)
-        except cl.Error as error:
-            raise GibenchError(f"the program has no kernel '{name}' ({error})") from error
-
-
 class Device:
     """An opened OpenCL device held to a profile's limits.
 
@@ -95,6 +78,25 @@ class Device:
         self.memory = MemoryLedger(profile)
         self.kernel_root = kernel_root
         self._programs: dict[tuple[str, tuple[str, ...]], Program] = {}
+        # Kernels of launches that are enqueued only once, by what was checked of them.
+        self._kernels: dict[tuple[int, str, int, int], Any] = {}
+
+    @staticmethod
+    def unlimited(cl_device: Any = None, kernel_root: Traversable | None = None) -> Device:
+        """A device that only its own limits bind: for bakes, the reference, the machine's roofs."""
+        return Device(unlimited_profile(), cl_device, kernel_root)
+
+    def beside(self) -> Device:
+        """The same device with a queue, a ledger and kernels of its own, for another thread; what
+        is built or allocated by either can be used by both.
+        """
+        other = copy(self)
+        other.queue = cl.CommandQueue(
+            self.context, properties=cl.command_queue_properties.PROFILING_ENABLE
+        )
+        other.memory = MemoryLedger(self.profile)
+        other._kernels = {}
+        return other
 
     @property
     def vector_width(self) -> int:
@@ -103,18 +105,47 @@ class Device:
 
     # -- buffers -----------------------------------------------------------------------------
 
+    def create(self, spec: BufferSpec, data: npt.NDArray[Any] | None = None) -> Buffer:
+        """The buffer that ``spec`` declares, with a copy of ``data``, or zeros.
+
+        Raises:
+            CannotRun: it does not fit the profile, or the device itself cannot allocate it.
+            ValueError: ``data`` has another shape or type than declared.
+        """
+        if data is None:
+            # Copied, not filled: Oclgrind takes no fill for an initialisation.
+            data = np.zeros(spec.shape, spec.dtype)
+        elif (data.shape, data.dtype) != (spec.shape, spec.dtype):
+            raise ValueError(
+                f"buffer '{spec.name}' is declared as {spec.dtype}{list(spec.shape)}, "
+                f"its data are {data.dtype}{list(data.shape)}"
+            )
+        buffer = self._allocate(spec)
+        if buffer.nbytes:
+            cl.enqueue_copy(self.queue, buffer.mem, np.ascontiguousarray(data))
+        return buffer
+
+    def allocate(
+        self, specs: Iterable[BufferSpec], data: Mapping[str, npt.NDArray[Any]] | None = None
+    ) -> dict[str, Buffer]:
+        """The buffers that ``specs`` declare, by name, with ``data`` where there is any, or zeros.
+
+        Raises:
+            CannotRun: one does not fit the profile, or the device itself cannot allocate it.
+            ValueError: there are data for none of them, or of another shape or type than declared.
+        """
+        specs, data = list(specs), data or {}
+        if strangers := sorted(set(data) - {spec.name for spec in specs}):
+            raise ValueError(f"no buffer '{strangers[0]}' is declared")
+        return {spec.name: self.create(spec, data.get(spec.name)) for spec in specs}
+
     def empty(self, name: str, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> Buffer:
         """A zero-filled buffer of ``shape`` and ``dtype``.
 
         Raises:
             CannotRun: it does not fit the profile, or the device itself cannot allocate it.
         """
-        shape = (shape,) if isinstance(shape, int) else tuple(shape)
-        buffer = self._allocate(name, shape, np.dtype(dtype))
-        if buffer.nbytes:
-            # Copied, not filled: Oclgrind takes no fill for an initialisation.
-            cl.enqueue_copy(self.queue, buffer.mem, np.zeros(shape, buffer.dtype))
-        return buffer
+        return self.create(BufferSpec.of(name, shape, dtype))
 
     def upload(self, name: str, array: npt.NDArray[Any]) -> Buffer:
         """A buffer that holds a copy of ``array``.
@@ -122,10 +153,19 @@ class Device:
         Raises:
             CannotRun: it does not fit the profile, or the device itself cannot allocate it.
         """
-        buffer = self._allocate(name, array.shape, array.dtype)
-        if buffer.nbytes:
-            cl.enqueue_copy(self.queue, buffer.mem, np.ascontiguousarray(array))
-        return buffer
+        return self.create(BufferSpec.like(name, array), array)
+
+    def share(self, name: str, array: npt.NDArray[Any]) -> SharedBuffer:
+        """A buffer that is ``array`` itself (``USE_HOST_PTR``, which runtimes of the CPU do not
+        copy); the queue must be idle when the host looks. An array without elements is held as one
+        element that nobody reads. Not counted: it is the host's memory.
+        """
+        held = np.ascontiguousarray(array)
+        if held.size == 0:
+            held = np.zeros(1, held.dtype)
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        mem = cl.Buffer(self.context, flags, hostbuf=held)
+        return SharedBuffer(name, held.shape, held.dtype, mem, held)
 
     def write(self, buffer: Buffer, array: npt.NDArray[Any]) -> None:
         """Overwrite ``buffer`` from its start with ``array`` (converted to the buffer's type)."""
@@ -149,8 +189,8 @@ class Device:
             self.memory.release(buffer.name)
             buffer.mem.release()
 
-    def _allocate(self, name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Buffer:
-        nbytes = nbytes_of(shape, dtype)
+    def _allocate(self, spec: BufferSpec) -> Buffer:
+        name, nbytes = spec.name, spec.nbytes
         self.memory.reserve(name, nbytes)
         try:
             mem = cl.Buffer(self.context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
@@ -160,17 +200,29 @@ class Device:
                 f"the executing device cannot allocate the {nbytes:,} bytes of '{name}' ({error})",
                 mend="lower --receivers, --probes or --sh-order",
             ) from error
-        return Buffer(name, shape, dtype, mem)
+        return Buffer(name, spec.shape, spec.dtype, mem)
 
     # -- programs ----------------------------------------------------------------------------
 
-    def program(self, path: str, defines: Mapping[str, Define] | None = None) -> Program:
+    def program(
+        self,
+        path: str,
+        defines: Mapping[str, Define] | None = None,
+        instrument: str | None = None,
+    ) -> Program:
         """Build ``path`` (beneath ``kernels_cl``) with ``defines`` as macros; cached.
+
+        Args:
+            path: of the source.
+            defines: its macros.
+            instrument: the name of an :class:`Instrument`, whose build it is; None for none.
 
         Raises:
             GibenchError: the compiler refuses it; the message carries the first line of its log.
         """
         defines = dict(defines or {})
+        if instrument is not None:
+            defines[find_instrument(instrument).macro] = 1
         key = (path, macro_options(defines))
         if key not in self._programs:
             source = kernel_source(path, self.kernel_root)
@@ -178,8 +230,90 @@ class Device:
                 built = build_program(self.context, source, defines)
             except cl.RuntimeError as error:
                 raise GibenchError(f"building {path} with {defines} failed: {error}") from error
-            self._programs[key] = Program(source, built, defines)
+            self._programs[key] = Program(ProgramSpec(path, defines), source, built)
         return self._programs[key]
+
+    def built(self, launch: Launch) -> Program:
+        """The program of ``launch``.
+
+        Raises:
+            GibenchError: the compiler refuses it.
+        """
+        if isinstance(launch.program, Program):
+            return launch.program
+        return self.program(launch.program.path, launch.program.defines)
+
+    # -- launches ----------------------------------------------------------------------------
+
+    def prepare(self, launch: Launch, workgroup_size: int) -> PreparedLaunch:
+        """Create the kernel of ``launch`` and set its arguments, once: each setting costs.
+
+        Args:
+            launch: as declared.
+            workgroup_size: used unless the launch fixes its own.
+
+        Raises:
+            CannotRun: the launch would break the profile or the kernel's own limits.
+            GibenchError: its program cannot be built, has no such kernel, or the kernel takes other
+                arguments.
+        """
+        program, size = self.built(launch), launch.workgroup_size or workgroup_size
+        kernel = program.kernel(launch.kernel)
+        # Before the arguments are set: from then on the kernel's own figure includes them.
+        if problem := self.launch_problem(kernel, size, launch.local_bytes):
+            raise CannotRun(problem)
+        set_arguments(launch, program, kernel)
+        return PreparedLaunch(launch, kernel, size)
+
+    def enqueue(self, launch: Launch, workgroup_size: int) -> Any:
+        """Prepare ``launch`` and enqueue it once; what is enqueued again and again is better
+        prepared. Its kernel object is kept for the next launch of the same kernel.
+
+        Args:
+            launch: as declared.
+            workgroup_size: used unless the launch fixes its own.
+
+        Returns:
+            Its event, None where there is nothing to do.
+
+        Raises:
+            CannotRun: the launch would break the profile or the kernel's own limits.
+            GibenchError: as of :meth:`prepare`.
+        """
+        program, size = self.built(launch), launch.workgroup_size or workgroup_size
+        key = (id(program), launch.kernel, size, launch.local_bytes)
+        if key not in self._kernels:
+            self._kernels[key] = self.prepare(launch, size).kernel
+        kernel = self._kernels[key]
+        set_arguments(launch, program, kernel)
+        return PreparedLaunch(launch, kernel, size).enqueue(self.queue)
+
+    def counted(
+        self, launch: Launch, workgroup_size: int, instrument: str
+    ) -> npt.NDArray[np.uint32]:
+        """Run ``launch`` once in an instrumented build and return the instrument's counters.
+
+        What the launch writes it writes as ever. The counters are not counted in the ledger: no
+        frame needs them.
+
+        Args:
+            launch: as declared; its arguments have names.
+            workgroup_size: used unless the launch fixes its own.
+            instrument: the instrument's name, for instance ``"count_rays"``.
+
+        Raises:
+            CannotRun: the launch would break the profile or the kernel's own limits.
+            GibenchError: there is no such instrument, or the kernel cannot be instrumented.
+        """
+        tool = find_instrument(instrument)
+        words = np.zeros(tool.words, np.uint32)
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
+        mem = cl.Buffer(self.context, flags, hostbuf=words)
+        counters = Buffer(tool.parameter, words.shape, words.dtype, mem)
+        self.enqueue(instrumented(launch, tool, counters), workgroup_size)
+        found = self.read(counters)
+        mem.release()
+        return found
 
     def launch_problem(self, kernel: Any, workgroup_size: int, local_bytes: int = 0) -> str | None:
         """Why ``kernel`` cannot be launched with ``workgroup_size``, or None when it can.

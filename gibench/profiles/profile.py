@@ -80,6 +80,30 @@ class DeviceProfile:
         return None
 
 
+UNLIMITED = 1 << 62
+"""More than any device has, bytes."""
+
+
+def unlimited_profile() -> DeviceProfile:
+    """The profile of whatever executes: the device's own limits alone; not for measurements."""
+    return DeviceProfile(
+        name="unlimited",
+        title="The executing device, without limits",
+        simd_width=1,
+        max_workgroup_size=UNLIMITED,
+        default_workgroup_size=1,
+        local_memory_bytes=UNLIMITED,
+        memory_budget_bytes=UNLIMITED,
+        max_buffer_bytes=UNLIMITED,
+        compute_units=1,
+        fp32_gflop_per_s=0.0,
+        bandwidth_gb_per_s=0.0,
+        dispatch_us=0.0,
+        figures={},
+        content_hash="",
+    )
+
+
 _NOT_FIGURES = {"name", "title", "figures", "content_hash"}
 _FRACTIONAL = {"fp32_gflop_per_s", "bandwidth_gb_per_s", "dispatch_us"}
 _FIGURE_NAMES = tuple(f.name for f in fields(DeviceProfile) if f.name not in _NOT_FIGURES)

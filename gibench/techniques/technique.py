@@ -14,20 +14,27 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Buffer, Device, Program
+from gibench.device import Argument as NamedArgument
+from gibench.device import Device, Launch, LocalMemory, Scalar, Value
 
-Scalar = np.generic
+__all__ = [
+    "Argument",
+    "FloatArray",
+    "HasNotes",
+    "KnowsItsCover",
+    "Launch",
+    "LocalMemory",
+    "Pass",
+    "Scalar",
+    "Technique",
+    "Work",
+]
+
 FloatArray = npt.NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True)
-class LocalMemory:
-    """A ``__local`` pointer argument of ``nbytes``."""
-
-    nbytes: int
-
-
-Argument = Buffer | LocalMemory | Scalar
+# Until every launch names its arguments.
+Argument = NamedArgument | Value
 
 
 @dataclass(frozen=True)
@@ -47,35 +54,6 @@ class Work:
     bytes_written: float = 0.0
     rays: float = 0.0
     atomics: float = 0.0
-
-
-@dataclass
-class Launch:
-    """One kernel launch of a pass, one-dimensional.
-
-    Exactly one of ``items`` (work-items, rounded up to whole groups: kernels test their index
-    against the count they are given) and ``groups`` (work-groups) is set; either may be a function
-    that is asked before every frame.
-
-    Attributes:
-        program: the built program.
-        kernel: the kernel's name in it.
-        args: arguments in order; plain buffers, numpy scalars and LocalMemory.
-        items: number of work-items.
-        groups: number of work-groups.
-        workgroup_size: another size than the configuration's, where the algorithm fixes it.
-    """
-
-    program: Program
-    kernel: str
-    args: Sequence[Argument]
-    items: int | Callable[[], int] | None = None
-    groups: int | Callable[[], int] | None = None
-    workgroup_size: int | None = None
-
-    def __post_init__(self) -> None:
-        if (self.items is None) == (self.groups is None):
-            raise ValueError(f"{self.kernel}: give either items or groups")
 
 
 @dataclass

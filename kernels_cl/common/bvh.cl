@@ -20,8 +20,24 @@
 #define BVH_NODE_FLOATS 56
 #define BVH_BLOCK_FLOATS 80
 
+// RAY_COUNTS=1, an instrumented build (gibench/device/program.py): every kernel that takes BVH_PARAMS
+// takes ray_counts too and adds its closest-hit rays to the first word and its any-hit rays to the
+// second. Results stay the same.
+#ifndef RAY_COUNTS
+#define RAY_COUNTS 0
+#endif
+#if RAY_COUNTS
+#define BVH_PARAMS \
+    __global const float *bvh_nodes, __global const float *bvh_triangles, __global uint *ray_counts
+#define BVH_ARGS bvh_nodes, bvh_triangles, ray_counts
+#define BVH_COUNT_CLOSEST() atomic_inc(ray_counts)
+#define BVH_COUNT_OCCLUDED() atomic_inc(ray_counts + 1)
+#else
 #define BVH_PARAMS __global const float *bvh_nodes, __global const float *bvh_triangles
 #define BVH_ARGS bvh_nodes, bvh_triangles
+#define BVH_COUNT_CLOSEST()
+#define BVH_COUNT_OCCLUDED()
+#endif
 
 typedef struct {
     float t; // in units of the direction's length; INFINITY on a miss
@@ -213,6 +229,7 @@ inline int bvh_push(__global const float *node, uint mask, float8 entry, int *no
 // The closest hit at a distance in (0, t_max).
 inline Hit bvh_closest(BVH_PARAMS, float3 origin, float3 direction, float t_max)
 {
+    BVH_COUNT_CLOSEST();
     const BvhRay r = bvh_ray(origin, direction);
     Hit hit = {INFINITY, 0.0f, 0.0f, -1};
     float limit = t_max;
@@ -271,6 +288,7 @@ inline Hit bvh_closest(BVH_PARAMS, float3 origin, float3 direction, float t_max)
 // Whether anything is hit at a distance in (0, t_max).
 inline bool bvh_occluded(BVH_PARAMS, float3 origin, float3 direction, float t_max)
 {
+    BVH_COUNT_OCCLUDED();
     const BvhRay r = bvh_ray(origin, direction);
     int nodes[BVH_STACK];
     int top = 0;

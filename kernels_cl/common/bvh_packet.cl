@@ -237,7 +237,8 @@ inline HitPacket bvh_closest_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz,
                                 pfloat dy, pfloat dz, pfloat t_max)
 {
     BvhPacket p;
-    if (!bvh_packet(ox, oy, oz, dx, dy, dz, &p))
+    // Counted, every ray goes alone.
+    if (RAY_COUNTS || !bvh_packet(ox, oy, oz, dx, dy, dz, &p))
         return bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
     HitPacket hits;
     hits.t = INFINITY, hits.u = 0.0f, hits.v = 0.0f, hits.triangle = -1;
@@ -302,7 +303,8 @@ inline pint bvh_occluded_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfl
                                  pfloat dy, pfloat dz, pfloat t_max)
 {
     BvhPacket p;
-    if (!bvh_packet(ox, oy, oz, dx, dy, dz, &p))
+    // Counted, every ray goes alone.
+    if (RAY_COUNTS || !bvh_packet(ox, oy, oz, dx, dy, dz, &p))
         return bvh_occluded_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
     pint blocked = 0;
     pfloat limits = t_max; // of rays still open; blocked ones have 0
