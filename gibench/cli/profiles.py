@@ -19,6 +19,8 @@ Examples:
 gibench profiles
 
 gibench profiles show iphone7
+
+gibench profiles show iphone7 --toml > mine.toml
 """
 
 app = typer.Typer(rich_markup_mode=None)
@@ -55,15 +57,21 @@ def profiles(context: typer.Context) -> None:
 @app.command()
 def show(
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="Profile to show.")],
+    toml: Annotated[
+        bool, typer.Option("--toml", help="Print the TOML file as it is, to copy and change.")
+    ] = False,
 ) -> None:
     """Show a profile: every figure with its source."""
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.profiles import load_profile
+    from gibench.profiles import load_profile, profile_text
     from gibench.report.terminal import console
 
     profile = load_profile(name)
+    if toml:
+        typer.echo(profile_text(name), nl=False)
+        return
     table = Table("figure", title=escape(f"{profile.name}: {profile.title}"), title_justify="left")
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("source", overflow="fold")

@@ -5,7 +5,15 @@ from gibench.profiles.profile import (
     Figure,
     built_in_profiles,
     load_profile,
+    profile_text,
     unlimited_profile,
 )
 
-__all__ = ["DeviceProfile", "Figure", "built_in_profiles", "load_profile", "unlimited_profile"]
+__all__ = [
+    "DeviceProfile",
+    "Figure",
+    "built_in_profiles",
+    "load_profile",
+    "profile_text",
+    "unlimited_profile",
+]

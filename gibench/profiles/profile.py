@@ -126,21 +126,29 @@ def load_profile(name_or_path: str) -> DeviceProfile:
     Raises:
         BadInput: no such profile, or the file is not a sound profile.
     """
+    return parse_profile(profile_text(name_or_path), where=name_or_path)
+
+
+def profile_text(name_or_path: str) -> str:
+    """The TOML text of a built-in profile by name or of a user's own by path, unchecked.
+
+    Raises:
+        BadInput: no such profile, or the file cannot be read as text.
+    """
     built_in = built_in_profiles()
     if name_or_path in built_in:
-        return parse_profile(built_in[name_or_path], where=name_or_path)
+        return built_in[name_or_path]
     path = Path(name_or_path)
     if not path.is_file():
         raise BadInput(
             f"no device profile called '{name_or_path}'",
             mend=f"use one of {', '.join(built_in)}, or the path of a TOML file like theirs "
-            "(gibench profiles show iphone7)",
+            "(gibench profiles show iphone7 --toml)",
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read as text ({error})", where=path) from error
-    return parse_profile(text, where=str(path))
 
 
 def parse_profile(text: str, *, where: str) -> DeviceProfile:

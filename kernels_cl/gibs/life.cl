@@ -1,4 +1,4 @@
-// Coverage, placement and recycling: how surfels come and go (paper 004, sections 3.1.1 and 4.5).
+// Coverage, placement and recycling: how surfels come and go (Ekberg 2022, sections 3.1.1 and 4.5).
 //
 // Built with CAPACITY, ENTRIES, PUBLISHED, VEC, DEPTH, GUIDING, FLOORED and the grid's macros.
 // IDs that are free lie on a stack, free_ids[0] to free_ids[counters[COUNT_FREE] - 1]; alive_ids

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from gibench.cli.main import call
+from gibench.profiles import built_in_profiles, load_profile
 
 PROFILE = """
 schema_version = 1
@@ -224,6 +225,15 @@ def test_every_figure_of_a_profile_is_shown_with_its_source(
         assert len(line.split("│")[3].strip()) > 5
     assert call(["profiles", "show", "nope"]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_a_profile_printed_as_toml_is_a_profile_again(tmp_path: Path) -> None:
+    printed = gibench("profiles", "show", "iphone7", "--toml").stdout
+    assert printed == built_in_profiles()["iphone7"]
+    mine = tmp_path / "mine.toml"
+    mine.write_text(printed.replace('name = "iphone7"', 'name = "mine"'), encoding="utf-8")
+    assert gibench("profiles", "show", str(mine), "--toml").stdout == mine.read_text("utf-8")
+    assert load_profile(str(mine)).figures == load_profile("iphone7").figures
 
 
 def test_devices_and_techniques_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

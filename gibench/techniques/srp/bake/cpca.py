@@ -1,4 +1,4 @@
-"""Clustered principal component analysis of transport (Sloan et al. 2003; thesis 4.5, 5.6.6).
+"""Clustered principal component analysis of transport (Sloan et al. 2003; Bennett 2019).
 
 Silvennoinen and Lehtinen (2017, section 4.1) refine the leaves of an AABB tree "based on a fixed
 error threshold" of 0.005 and at most 32 vectors, and leave open what the error is of and how a leaf
@@ -39,8 +39,8 @@ def aabb_clusters(positions: Floats, most: int) -> list[Ints]:
     """Clusters of receiver ``positions`` (n, 3), each of at most ``most``, as ascending indices.
 
     The bounding box of the receivers is cut in half across its longest axis, and so is each
-    half's own bounding box, until few enough are left (thesis 5.6.6). Receivers that coincide, so
-    that no cut separates them, are split by index.
+    half's own bounding box, until few enough are left (Bennett 2019, 5.6.6). Receivers
+    that coincide, so that no cut separates them, are split by index.
     """
     done: list[Ints] = []
     waiting = [np.arange(len(positions), dtype=np.int32)]
