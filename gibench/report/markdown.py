@@ -12,6 +12,7 @@ from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
+from gibench.techniques.technique import CAMERA_AND_GI
 
 _ROOFS = {
     "read_gb_per_s": "streaming read, GB/s",
@@ -35,7 +36,7 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         *_warnings(record),
         _measured_on(record),
         "## Frames",
-        _frames(frames),
+        _frames(frames, passes),
         "## Passes",
         *_passes(passes, frames),
         "## The machine's roofs",
@@ -78,7 +79,7 @@ def _measured_on(record: Mapping[str, Any]) -> str:
     )
 
 
-def _frames(frames: pd.DataFrame) -> str:
+def _frames(frames: pd.DataFrame, passes: pd.DataFrame) -> str:
     rows = [
         (
             row["technique"],
@@ -88,6 +89,7 @@ def _frames(frames: pd.DataFrame) -> str:
             row["workgroup_size"],
             *(_whole(row[name]) for name in ("sh_order", "probes", "receivers")),
             row["frames"],
+            _gi(row, passes),
             *(number(row[name]) for name in ("median_ms", "p95_ms", "p99_ms", "min_ms")),
             number(row["device_ms"]),
             number(row["fps"], 1),
@@ -100,15 +102,43 @@ def _frames(frames: pd.DataFrame) -> str:
     ]
     head = (
         *("technique", "variant", "scene", "profile", "work-group", "SH order", "probes"),
-        *("receivers", "frames", "median ms", "p95 ms", "p99 ms", "min ms", "in kernels ms"),
+        *(
+            "receivers",
+            "frames",
+            "GI ms",
+            "median ms",
+            "p95 ms",
+            "p99 ms",
+            "min ms",
+            "in kernels ms",
+        ),
         *("frames/s", "real-time", "memory MiB / budget", "status", "reason"),
     )
     return _table(head, rows)
 
 
+def _gi(frame: pd.Series, passes: pd.DataFrame) -> str:
+    """What the technique costs; where it cannot be told from the camera's work, which pass hides
+    it.
+    """
+    mine = passes[passes["configuration"] == frame["configuration"]]
+    mixed = mine[mine["stage"] == CAMERA_AND_GI]["pass"]
+    return number(frame["gi_ms"]) or "".join(f"in {name}" for name in mixed[:1])
+
+
 def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
     head = (
-        *("pass", "median ms", "mean ms", "stdev ms", "p95 ms", "p99 ms", "min ms", "max ms"),
+        *(
+            "pass",
+            "stage",
+            "median ms",
+            "mean ms",
+            "stdev ms",
+            "p95 ms",
+            "p99 ms",
+            "min ms",
+            "max ms",
+        ),
         *("MB", "Mflop", "Mrays", "GB/s", "GFLOP/s", "Mrays/s", "of roof", "status", "reason"),
     )
     sections = []
@@ -116,6 +146,7 @@ def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
         rows = [
             (
                 row["pass"],
+                row["stage"],
                 *(number(row[f"{name}_ms"], 3) for name in ("median", "mean", "stdev")),
                 *(number(row[f"{name}_ms"], 3) for name in ("p95", "p99", "min", "max")),
                 *(number(row[name] * 1e-6, 3) for name in ("bytes", "flops", "rays")),
@@ -230,6 +261,10 @@ def _meaning(record: Mapping[str, Any]) -> str:
         "A pass's time is the sum of its launches' OpenCL event times. A frame's time is the "
         "host's: from before the uploads of the frame until the queue is empty, launch gaps "
         "included; *in kernels* is what the passes take of it.",
+        "*GI* is what the technique costs: a frame's passes of stage `gi` together, the lookup at "
+        "the pixels too; without the camera's rays and direct light (`camera`) and without what "
+        "puts objects in their place (`geometry`). Where one kernel does both, its name stands in "
+        "place of the time.",
         f"Real-time means a median of at most {REAL_TIME_MS} ms **on the machine measured**. It "
         "does not say that the modelled device is or is not real-time.",
         "Times of two runs on a shared machine differ by tens of percent; compare inside one run.",

@@ -22,19 +22,19 @@ from gibench.measure.statistics.summary import (
     per_second,
     summarize,
 )
-from gibench.techniques.technique import Work
+from gibench.techniques.technique import CAMERA, GEOMETRY, GI, Work
 
 PASS_COLUMNS = (
     *KEYS,
     *("pass", "probes", "receivers", "frames"),
     *("mean_ms", "median_ms", "stdev_ms", "p95_ms", "p99_ms", "min_ms", "max_ms"),
     *("bytes", "flops", "rays", "gb_per_s", "gflop_per_s", "mrays_per_s", "roofline_fraction"),
-    *("status", "reason", "configuration"),
+    *("status", "reason", "configuration", "stage"),
     *("ci_low_ms", "ci_high_ms", "outliers", "remarks"),
 )
 FRAME_COLUMNS = (
     *KEYS,
-    *("surfels", "probes", "receivers", "frames"),
+    *("surfels", "probes", "receivers", "frames", "gi_ms"),
     *("mean_ms", "median_ms", "p95_ms", "p99_ms", "min_ms", "fps", "real_time"),
     *("memory_bytes", "memory_budget_bytes", "status", "reason"),
     *("device_ms", "gap_ms", "warmup", "configuration"),
@@ -84,6 +84,7 @@ def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
                     **asdict(summary),
                     **_steadiness(mine),
                     "pass": item["pass"],
+                    "stage": item.get("stage", ""),
                     "workgroup_size": item.get("workgroup_size", entry["workgroup_size"]),
                     "frames": summary.count,
                     "bytes": nbytes,
@@ -105,7 +106,9 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
 
     A frame's time is the host's: from before its uploads until the queue is empty again.
     ``device_ms`` is the median of what its kernels take together, ``gap_ms`` the median of the
-    rest. Where a pass could not run there is no whole frame, so the times are blank.
+    rest. ``gi_ms`` is the median of what the passes of stage ``gi`` take together: what the
+    technique costs. It is blank where a pass does the camera's work too, and in runs from before
+    passes had stages. Where a pass could not run there is no whole frame, so the times are blank.
 
     Args:
         samples: the content of ``samples.csv``.
@@ -114,6 +117,7 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     frames = samples.groupby(["configuration", "frame"], sort=False).agg(
         wall=("frame_wall_ms", "first"), device=("time_ms", "sum")
     )
+    gi_ms = _gi_ms(samples, record)
     rows = []
     for entry in record["configurations"]:
         times = frames[frames.index.get_level_values(0) == entry["configuration"]]
@@ -126,11 +130,29 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
                 **_steadiness(walls),
                 "fps": 1e3 / summary.median_ms,
                 "real_time": bool(summary.median_ms <= REAL_TIME_MS),
+                "gi_ms": gi_ms[entry["configuration"]],
                 "device_ms": float(times["device"].median()),
                 "gap_ms": float((times["wall"] - times["device"]).median()),
             }
         rows.append(row)
     return _frame(rows, FRAME_COLUMNS)
+
+
+def _gi_ms(samples: pd.DataFrame, record: Mapping[str, Any]) -> dict[int, float]:
+    """By configuration, the median over frames of its passes of stage ``gi`` together."""
+    found = {}
+    for entry in record["configurations"]:
+        number, stages = (
+            entry["configuration"],
+            {p["pass"]: p.get("stage") for p in entry["passes"]},
+        )
+        found[number] = NAN
+        if not set(stages.values()) <= {CAMERA, GEOMETRY, GI}:
+            continue
+        mine = samples[samples["configuration"] == number]
+        gi = mine["time_ms"].where(mine["pass"].map(stages) == GI, 0.0)
+        found[number] = float(gi.groupby(mine["frame"]).sum().median())
+    return found
 
 
 def _steadiness(times_ms: npt.NDArray[np.float64]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Final, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +56,18 @@ class Work:
     atomics: float = 0.0
 
 
+Stage = Literal["camera", "geometry", "gi", "camera and gi"]
+"""What of a frame a pass belongs to (see the constants)."""
+CAMERA: Final = "camera"
+"""The camera's rays and the direct light on what they hit."""
+GEOMETRY: Final = "geometry"
+"""What puts the scene's objects in their place."""
+GI: Final = "gi"
+"""Indirect light, its lookup at the pixels too: what the technique costs."""
+CAMERA_AND_GI: Final = "camera and gi"
+"""One kernel does both, so that the technique's cost cannot be told from the camera's."""
+
+
 @dataclass
 class Pass:
     """One pass of a frame: a row of the table.
@@ -68,12 +80,14 @@ class Pass:
         counted: its work in the frame that was run last, where only a frame can tell: asked with a
             work-group size once all frames are run and their images taken, outside all timing. May
             overwrite the image and whatever the next frame makes anew.
+        stage: what of the frame it belongs to.
     """
 
     name: str
     launches: Callable[[], Sequence[Launch]]
     work: Work = field(default_factory=Work)
     counted: Callable[[int], Work] | None = None
+    stage: Stage = GI
 
 
 @runtime_checkable

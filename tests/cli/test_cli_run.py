@@ -24,8 +24,8 @@ CONTRACT_PASSES = (
 )
 CONTRACT_FRAMES = (
     "technique variant scene profile workgroup_size sh_order surfels probes receivers frames "
-    "mean_ms median_ms p95_ms p99_ms min_ms fps real_time memory_bytes memory_budget_bytes status "
-    "reason"
+    "gi_ms mean_ms median_ms p95_ms p99_ms min_ms fps real_time memory_bytes memory_budget_bytes "
+    "status reason"
 )
 ROOFS = Roofs(20.0, 15.0, 200.0, 2.0, 10.0)
 

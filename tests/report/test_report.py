@@ -42,8 +42,14 @@ def entry(number: int, **changes: Any) -> dict[str, Any]:
         "reason": "",
         "notes": [],
         "passes": [
-            {"pass": "one", **WORK, "status": "ok", "reason": ""},
-            {"pass": "two", **dict.fromkeys(WORK, 0.0), "status": "ok", "reason": ""},
+            {"pass": "one", "stage": "gi", **WORK, "status": "ok", "reason": ""},
+            {
+                "pass": "two",
+                "stage": "camera",
+                **dict.fromkeys(WORK, 0.0),
+                "status": "ok",
+                "reason": "",
+            },
         ],
     }
     return base | changes
@@ -176,7 +182,7 @@ def test_the_report_says_what_was_measured_and_what_was_not() -> None:
     assert "**Measured on** A CPU" in text
     assert "**Modelled by its limits, not run:** Apple iPhone 7" in text
     assert "none of the modelled device" in text
-    assert "| one | 5.000 |" in text
+    assert "| one | gi | 5.000 |" in text
     assert "fitted: aims for 9 receivers instead of 10" in text
     assert "3 dropped" in text
     assert "ACES" in text
@@ -239,3 +245,37 @@ def test_png_round_trip() -> None:
 def test_file_names_are_safe() -> None:
     assert file_name("../a/b: c") == "a-b-c"
     assert file_name("///") == "unnamed"
+
+
+def test_gi_is_the_median_over_frames_of_the_passes_of_its_stage_together() -> None:
+    """A lookup that is slow in every frame is seen; the camera's pass is not."""
+    stages = {"one": "gi", "two": "camera", "three": "gi", "four": "geometry"}
+    passes = [
+        {"pass": name, "stage": stage, **WORK, "status": "ok", "reason": ""}
+        for name, stage in stages.items()
+    ]
+    rows = [
+        {"configuration": 1, "pass": name, "frame": frame, "time_ms": ms, "frame_wall_ms": 99.0}
+        for frame, times in enumerate([(1, 50, 2, 9), (9, 50, 2, 9), (2, 50, 6, 9)])
+        for name, ms in zip(stages, times, strict=True)
+    ]
+    (frame,) = frames_table(pd.DataFrame(rows), record(entry(1, passes=passes))).to_dict("records")
+    assert frame["gi_ms"] == 8  # of 3, 11 and 8
+
+
+@pytest.mark.parametrize("stage", ["camera and gi", None])
+def test_gi_is_blank_where_it_cannot_be_told(stage: str | None) -> None:
+    """One kernel for both, or a run from before passes had stages."""
+    changed = entry(1)
+    changed["passes"] = [dict(item) for item in changed["passes"]]
+    if stage is None:
+        for item in changed["passes"]:
+            del item["stage"]
+    else:
+        changed["passes"][1]["stage"] = stage
+    stored = samples(1, [[1.0, 2.0]] * 3, [4.0] * 3)
+    (frame,) = frames_table(stored, record(changed)).to_dict("records")
+    assert np.isnan(frame["gi_ms"])
+    passes = passes_table(stored, record(changed))
+    text = report(passes, frames_table(stored, record(changed)), record(changed))
+    assert ("| in two |" in text) == (stage is not None)

@@ -22,6 +22,7 @@ class PassResult:
     status: str = OK
     reason: str = ""
     workgroup_size: int | None = None
+    stage: str = ""
 
 
 @dataclass
@@ -106,6 +107,7 @@ class ConfigurationResult:
             "passes": [
                 {
                     "pass": p.name,
+                    "stage": p.stage,
                     **asdict(p.work),
                     "status": p.status,
                     "reason": p.reason,

@@ -13,7 +13,7 @@ from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.techniques.launching import PreparedLaunch, prepare_launch
 from gibench.techniques.parts.shared_passes import frame_passes
-from gibench.techniques.technique import Pass, Technique, Work
+from gibench.techniques.technique import GI, Pass, Stage, Technique, Work
 
 Status = Literal["ok", "skipped", "failed"]
 
@@ -27,6 +27,7 @@ class PreparedPass:
         work: the least it must do per frame.
         launches: what is enqueued, in order; empty unless ``status`` is ``ok``.
         problem: why it cannot run, one line; None when it can.
+        stage: what of the frame it belongs to.
         counted: tells its work after the last frame, where that is not known ahead.
         status: ``ok``; ``skipped`` where the profile or the device forbids it; ``failed`` where
             its program cannot be built or the driver refuses an argument.
@@ -38,6 +39,7 @@ class PreparedPass:
     problem: str | None = None
     status: Status = "ok"
     counted: Callable[[int], Work] | None = None
+    stage: Stage = GI
 
 
 @dataclass(frozen=True)
@@ -70,10 +72,11 @@ def prepare_pass(device: Device, item: Pass, workgroup_size: int) -> PreparedPas
     try:
         launches = tuple(prepare_launch(device, one, workgroup_size) for one in item.launches())
     except CannotRun as error:
-        return PreparedPass(item.name, item.work, (), str(error), "skipped")
+        return PreparedPass(item.name, item.work, (), str(error), "skipped", stage=item.stage)
     except (GibenchError, cl.Error) as error:
-        return PreparedPass(item.name, item.work, (), " ".join(str(error).split()), "failed")
-    return PreparedPass(item.name, item.work, launches, counted=item.counted)
+        problem = " ".join(str(error).split())
+        return PreparedPass(item.name, item.work, (), problem, "failed", stage=item.stage)
+    return PreparedPass(item.name, item.work, launches, counted=item.counted, stage=item.stage)
 
 
 def enqueue_frame(technique: Technique, prepared: Sequence[PreparedPass], frame: int) -> FrameTimes:

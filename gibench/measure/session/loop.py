@@ -222,6 +222,7 @@ def _bring_up(loop: Loop, result: ConfigurationResult) -> Live:
         PassResult(
             *(p.name, p.work, p.status, without_paths(p.problem or result.reason)),
             workgroup_size=chosen.get(p.name),
+            stage=p.stage,
         )
         for p in prepared
     ]

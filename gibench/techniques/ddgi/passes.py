@@ -14,7 +14,7 @@ from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
 from gibench.techniques.parts.shared_passes import with_shadow_rays
-from gibench.techniques.technique import Argument, Launch, LocalMemory, Pass, Work
+from gibench.techniques.technique import CAMERA_AND_GI, Argument, Launch, LocalMemory, Pass, Work
 
 SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
 
@@ -105,6 +105,7 @@ class DdgiPasses:
                 lambda: [self.application()],
                 applied,
                 with_shadow_rays(self.scene, applied),
+                CAMERA_AND_GI,
             ),
         ]
 

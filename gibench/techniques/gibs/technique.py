@@ -37,7 +37,7 @@ from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.parts.shared_passes import with_shadow_rays
 from gibench.techniques.registry import PUBLISHED
-from gibench.techniques.technique import FloatArray, Launch, Pass, Work
+from gibench.techniques.technique import CAMERA, GI, FloatArray, Launch, Pass, Work
 
 
 class Gibs:
@@ -136,7 +136,10 @@ class Gibs:
 
             return told
 
-        return [Pass(name, build, work[name], counted(name)) for name, build in launches.items()]
+        return [
+            Pass(name, build, work[name], counted(name), CAMERA if name == "gbuffer" else GI)
+            for name, build in launches.items()
+        ]
 
     def _work(self) -> dict[str, Work]:
         """The work of the frame last run, by pass, without shadow rays."""

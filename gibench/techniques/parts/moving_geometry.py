@@ -16,7 +16,7 @@ from gibench.rays.device_bvh import DeviceBvh
 from gibench.rays.refit import RefitPlan
 from gibench.scene.model import Scene
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.techniques.technique import Launch, Pass, Work
+from gibench.techniques.technique import GEOMETRY, Launch, Pass, Work
 
 TRANSFORM_FLOATS = 12
 """3 x 4, row-major."""
@@ -119,6 +119,7 @@ class MovingGeometry:
                     bytes_read=moved * 4 * 8 + self.transforms.nbytes,
                     bytes_written=moved * 4 * 6,
                 ),
+                stage=GEOMETRY,
             ),
             Pass(
                 "refit_leaves",
@@ -128,6 +129,7 @@ class MovingGeometry:
                     bytes_read=refitted * 4 * 5 + moved * 4 * 3,
                     bytes_written=refitted * 4 * 9,
                 ),
+                stage=GEOMETRY,
             ),
             Pass(
                 "refit_nodes",
@@ -138,6 +140,7 @@ class MovingGeometry:
                     + 4 * (80 * self.plan.leaf_blocks + 48 * self.plan.inner),
                     bytes_written=visited * 4 * 6,
                 ),
+                stage=GEOMETRY,
             ),
         ]
 

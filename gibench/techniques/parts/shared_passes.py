@@ -18,7 +18,17 @@ from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
-from gibench.techniques.technique import Argument, FloatArray, Launch, Pass, Technique, Work
+from gibench.techniques.technique import (
+    CAMERA,
+    CAMERA_AND_GI,
+    Argument,
+    FloatArray,
+    Launch,
+    Pass,
+    Stage,
+    Technique,
+    Work,
+)
 
 
 def frame_passes(technique: Technique) -> list[Pass]:
@@ -207,7 +217,8 @@ def forward_render(
     def launches() -> Sequence[Launch]:
         return [forward_launch(scene, receivers, indirect, packets=packets)]
 
-    return Pass("forward_render", launches, work, with_shadow_rays(scene, work))
+    stage: Stage = CAMERA if indirect is None else CAMERA_AND_GI
+    return Pass("forward_render", launches, work, with_shadow_rays(scene, work), stage)
 
 
 def with_shadow_rays(scene: FrameScene, work: Work) -> Callable[[int], Work]:
