@@ -1,6 +1,6 @@
 """A pytest fixture that times OpenCL kernels through pytest-benchmark by the device's own clock.
 
-Put ``pytest_plugins = ["gibench.pytest_plugin"]`` into your ``conftest.py`` and write::
+Where gibench is installed, pytest finds it by itself. Write::
 
     def test_my_kernel(device_benchmark):
         queue = cl.CommandQueue(

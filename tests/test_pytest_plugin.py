@@ -6,12 +6,15 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from gibench.cli.main import call
 from gibench.pytest_plugin import DeviceClock
+
+ROOT = Path(__file__).parents[1]
 
 TEST = """
 import numpy as np
@@ -38,12 +41,27 @@ def test_twice(device_benchmark):
 """
 
 
-def record(folder: Path, turns: int) -> Path:
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of the path that registers the plug-in as an installed gibench does."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    ((name, module),) = project["entry-points"]["pytest11"].items()
+    assert name == module == "gibench.pytest_plugin"
+    path = tmp_path_factory.mktemp("path")
+    (folder := path / "registered-0.dist-info").mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: registered\nVersion: 0\n")
+    (folder / "entry_points.txt").write_text(f"[pytest11]\n{name} = {module}\n")
+    return path
+
+
+def record(folder: Path, installed: Path, turns: int, conftest: str = "") -> Path:
     folder.mkdir()
-    (folder / "conftest.py").write_text('pytest_plugins = ["gibench.pytest_plugin"]\n')
+    (folder / "conftest.py").write_text(conftest)
     (folder / "test_mine.py").write_text(TEST % turns)
     # pytest-benchmark switches itself off in what looks like a worker of xdist.
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
+    path = [str(installed), str(ROOT), os.environ.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(path)
     ran = subprocess.run(
         [
             *(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir=."),
@@ -59,8 +77,13 @@ def record(folder: Path, turns: int) -> Path:
     return folder / "out.json"
 
 
-def test_users_kernels_are_timed_by_the_device_and_compared(tmp_path: Path, capsys) -> None:
-    old, new = record(tmp_path / "old", 200), record(tmp_path / "new", 2000)
+def test_users_kernels_are_timed_by_the_device_and_compared(
+    tmp_path: Path, installed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With nothing in conftest.py, and with the line that loads the plug-in a second time."""
+    old = record(tmp_path / "old", installed, 200)
+    twice = 'pytest_plugins = ["gibench.pytest_plugin"]\n'
+    new = record(tmp_path / "new", installed, 2000, twice)
     (one,) = json.loads(old.read_text())["benchmarks"]
     assert len(one["stats"]["data"]) == 20
     assert 0 < one["stats"]["median"] < 0.1

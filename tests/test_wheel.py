@@ -27,6 +27,9 @@ def test_wheel_runs_from_another_folder(tmp_path: Path) -> None:
     pip = [*python, "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps"]
     subprocess.run([*pip, "--target", str(unpacked), str(wheel)], check=True)
 
+    (told,) = unpacked.glob("gibench-*.dist-info")
+    assert "gibench.pytest_plugin" in (told / "entry_points.txt").read_text()
+
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     # As a mere folder of the path, site-packages does not lead to an editable installation.

@@ -69,8 +69,7 @@ def computed(source, arrays, out):
 
 
 @pytest.mark.parametrize("width", [1, 3, 8])
-def test_builtins_equal_numpy(width):
-    rng = np.random.default_rng()
+def test_builtins_equal_numpy(rng, width):
     expressions = dict(EACH) | (GEOMETRY if 2 <= width <= 4 else {})
     if width > 1:
         expressions.pop("min(a, 0.25f)") if width in (8, 16) else None
@@ -100,8 +99,7 @@ def test_builtins_equal_numpy(width):
             np.testing.assert_array_equal(np.signbit(found), np.signbit(expected))
 
 
-def test_integers_halves_and_conversions():
-    rng = np.random.default_rng()
+def test_integers_halves_and_conversions(rng):
     ints = rng.integers(-9, 9, (COUNT, 16), np.int32)
     floats = rng.normal(scale=9, size=(COUNT, 16)).astype(np.float32)
     source = """

@@ -48,8 +48,7 @@ def device() -> Device:
     return Device(SMALL)
 
 
-def test_what_is_counted_is_what_is_allocated(device: Device) -> None:
-    rng = np.random.default_rng()
+def test_what_is_counted_is_what_is_allocated(rng: np.random.Generator, device: Device) -> None:
     data = rng.random(30, np.float32)
     first = device.upload("first", data)
     second = device.empty("second", (5, 7), np.uint16)

@@ -94,10 +94,11 @@ def test_the_machines_roofs_are_plausible_and_take_no_time() -> None:
 
 @pytest.mark.parametrize(("count", "stretch", "size"), ((1000, 7, 8), (64, 4, 64), (13, 4, 32)))
 @pytest.mark.parametrize("width", widths(1, 4, 8, 16))
-def test_the_roof_kernels_do_what_they_say(count: int, stretch: int, size: int, width: int) -> None:
+def test_the_roof_kernels_do_what_they_say(
+    rng: np.random.Generator, count: int, stretch: int, size: int, width: int
+) -> None:
     device = Device(IPHONE)
     program = device.program("measure/roofs.cl", {"VEC": width})
-    rng = np.random.default_rng()
     b, c = (rng.random(count * width, np.float32) for _ in range(2))
     items = -(-count // stretch) // size * size + size  # more than the work asks for
     out = device.empty("a", count * width, np.float32)

@@ -50,8 +50,7 @@ def scene(name, rng):
 
 
 @pytest.mark.parametrize("name", ["soup", "box", "slivers", "one"])
-def test_closest_is_the_brute_force_one(tracer_of, name):
-    rng = np.random.default_rng()
+def test_closest_is_the_brute_force_one(rng, tracer_of, name):
     corners = scene(name, rng)
     tracer = tracer_of(corners)
     for kind, (o, d) in hard_rays(corners, 700, rng).items():
@@ -69,8 +68,7 @@ def test_closest_is_the_brute_force_one(tracer_of, name):
             np.testing.assert_allclose(got.v[same], v[same], atol=2e-3)
 
 
-def test_barycentrics_give_the_hit_point(tracer_of):
-    rng = np.random.default_rng()
+def test_barycentrics_give_the_hit_point(rng, tracer_of):
     corners = soup(2000, rng)
     o, d = hard_rays(corners, 5000, rng)["random"]
     hits = tracer_of(corners).closest(o, d)
@@ -86,9 +84,8 @@ def test_barycentrics_give_the_hit_point(tracer_of):
 
 
 @pytest.mark.parametrize("size", [32, 96, 160])
-def test_device_agrees_with_embree(size):
+def test_device_agrees_with_embree(rng, size):
     """A hundred thousand rays of every kind, at sizes that do not divide their number."""
-    rng = np.random.default_rng()
     corners = np.concatenate([soup(6000, rng, size=0.3), box((0, 0, 0), (10, 10, 10))])
     embree, device = EmbreeTracer(corners), device_tracer(corners, workgroup_size=size)
     kinds = hard_rays(corners, 2501, rng)
@@ -107,8 +104,7 @@ def test_device_agrees_with_embree(size):
         assert not np.any(b.distance == 0.0), kind  # Embree's interval includes 0, ours does not
 
 
-def test_occluded_is_closest_within_the_distance(tracer_of):
-    rng = np.random.default_rng()
+def test_occluded_is_closest_within_the_distance(rng, tracer_of):
     corners = soup(3000, rng)
     tracer = tracer_of(corners)
     o, d = cosine_rays(corners, 20_000, rng)
@@ -158,9 +154,8 @@ def test_both_sides_are_hit(tracer_of):
 
 @pytest.mark.parametrize("corners", [box((-1, -1, -1), (1, 1, 1)), sphere(40, 81)])
 @pytest.mark.parametrize("aim", ["corners", "edges"])
-def test_no_ray_slips_out_of_a_closed_mesh(tracer_of, corners, aim):
+def test_no_ray_slips_out_of_a_closed_mesh(rng, tracer_of, corners, aim):
     """Rays aimed at corners and along edges, where two or more triangles meet."""
-    rng = np.random.default_rng()
     tracer = tracer_of(corners)
     c = corners.astype(np.float64)
     n = 40_000
@@ -200,8 +195,7 @@ def test_lengths_must_match(tracer_of):
         )
 
 
-def test_chunks_do_not_change_the_answer():
-    rng = np.random.default_rng()
+def test_chunks_do_not_change_the_answer(rng):
     corners = soup(500, rng)
     o, d = cosine_rays(corners, 5001, rng)
     limit = rng.uniform(1, 20, 5001).astype(np.float32)
@@ -210,8 +204,8 @@ def test_chunks_do_not_change_the_answer():
     assert all(np.array_equal(a, b) for a, b in zip(whole, parts, strict=True))
 
 
-def test_every_byte_is_counted():
-    corners = soup(500, np.random.default_rng())
+def test_every_byte_is_counted(rng):
+    corners = soup(500, rng)
     device = Device(load_profile("iphone7"))
     bvh = build_bvh(corners)
     tree = DeviceBvh.upload(device, bvh)
@@ -228,9 +222,8 @@ def test_a_workgroup_the_profile_forbids_is_refused():
 
 
 @pytest.mark.parametrize("name", ["soup", "box", "slivers"])
-def test_packets_hit_what_single_rays_hit(name):
+def test_packets_hit_what_single_rays_hit(rng, name):
     """Hard rays (most packets fall apart) and fans of coherent ones, at a count 16 divides not."""
-    rng = np.random.default_rng()
     corners = scene(name, rng)
     single, packets = device_tracer(corners), device_tracer(corners, packets=True)
     kinds = {
@@ -258,8 +251,7 @@ def fans(corners, count, rng):
     return eye.reshape(-1, 3).astype(np.float32), towards.reshape(-1, 3).astype(np.float32)
 
 
-def test_packets_leave_no_gap_in_a_closed_mesh():
-    rng = np.random.default_rng()
+def test_packets_leave_no_gap_in_a_closed_mesh(rng):
     corners = sphere(40, 81)
     tracer = device_tracer(corners, packets=True)
     corner = corners.reshape(-1, 3)[rng.integers(0, 3 * len(corners), 2000)]

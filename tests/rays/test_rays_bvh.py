@@ -14,8 +14,8 @@ from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 8, 9, 33, 1000])
-def test_every_triangle_is_in_one_leaf_within_its_bounds(count):
-    corners = soup(count, np.random.default_rng())
+def test_every_triangle_is_in_one_leaf_within_its_bounds(rng, count):
+    corners = soup(count, rng)
     bvh = build_bvh(corners)
     seen, depth = walk(bvh, corners)
     assert sorted(seen) == list(range(count))
@@ -41,8 +41,8 @@ def brute_force_split(lower, upper):
     return best
 
 
-def test_every_split_is_the_cheapest():
-    corners = soup(60, np.random.default_rng(), size=2.0)
+def test_every_split_is_the_cheapest(rng):
+    corners = soup(60, rng, size=2.0)
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     tree = build_binary(lower, upper)
     area = half_area(tree.lower, tree.upper)
@@ -53,9 +53,8 @@ def test_every_split_is_the_cheapest():
         assert cost <= brute_force_split(lower[mine], upper[mine]) * (1 + 1e-5)
 
 
-def test_the_expected_visits_are_those_of_random_lines():
+def test_the_expected_visits_are_those_of_random_lines(rng):
     """Cauchy: a line that meets a convex body meets one inside it with the areas' ratio."""
-    rng = np.random.default_rng()
     corners = soup(400, rng, size=0.5)
     bvh = build_bvh(corners)
     nodes = bvh.nodes.reshape(-1, 7, WIDTH)
@@ -88,18 +87,18 @@ def test_the_expected_visits_are_those_of_random_lines():
     assert visits / in_root.sum() == pytest.approx(bvh.node_visits, rel=0.05)
 
 
-def test_triangles_on_top_of_each_other_make_a_shallow_tree():
-    corners = np.repeat(soup(1, np.random.default_rng()), 20_000, axis=0)
+def test_triangles_on_top_of_each_other_make_a_shallow_tree(rng):
+    corners = np.repeat(soup(1, rng), 20_000, axis=0)
     bvh = build_bvh(corners)
     seen, _ = walk(bvh, corners)
     assert len(seen) == 20_000
     assert bvh.depth <= 8
 
 
-def test_a_tree_never_overflows_the_kernels_stack():
+def test_a_tree_never_overflows_the_kernels_stack(rng):
     """Boxes that halve in size towards a corner make surface-area splits as lopsided as can be."""
     size = (2.0 ** -np.arange(0, 100, 1.0))[:, None, None]
-    corners = (soup(1, np.random.default_rng()) * size).astype(np.float32)
+    corners = (soup(1, rng) * size).astype(np.float32)
     bvh = build_bvh(corners)
     seen, _ = walk(bvh, corners)
     assert len(seen) == 100
@@ -110,9 +109,8 @@ def test_a_tree_never_overflows_the_kernels_stack():
     assert f"#define BVH_BLOCK_FLOATS {BLOCK_FLOATS}\n" in source
 
 
-def test_overlapping_leaves_use_all_their_blocks():
+def test_overlapping_leaves_use_all_their_blocks(rng):
     """Thirty-two and more triangles in one place: leaves of several blocks, all of them tested."""
-    rng = np.random.default_rng()
     corners = (soup(70, rng, extent=1e-3, size=4.0)).astype(np.float32)
     device = Device(load_profile("iphone7"))
     tracer = DeviceTracer(device, DeviceBvh.upload(device, build_bvh(corners)))
@@ -123,7 +121,8 @@ def test_overlapping_leaves_use_all_their_blocks():
     assert (triangle >= 0).mean() > 0.3
     assert np.count_nonzero(hits.triangle != triangle) <= 2
     near = (hits.triangle == triangle) & (triangle >= 0)
-    np.testing.assert_allclose(hits.distance[near], t[near], rtol=1e-3)
+    # float32 rounds corners and origins, of up to 8, to 5e-7: near the origin that is what counts.
+    np.testing.assert_allclose(hits.distance[near], t[near], rtol=1e-3, atol=1e-6)
 
 
 def test_corners_that_are_not_finite_are_refused():

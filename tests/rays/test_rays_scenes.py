@@ -65,15 +65,13 @@ def compare(corners, rays_of_a_kind, rng):
 @pytest.mark.parametrize(
     "file", ["cornell_box/mcguire/CornellBox-Sphere.obj", "sponza_crytek/sponza.obj"]
 )
-def test_hard_rays_agree(file):
-    rng = np.random.default_rng()
+def test_hard_rays_agree(rng, file):
     counts = compare(corners_of(file), 2000, rng)
     assert not any(c[UNEXPLAINED] for c in counts.values())
 
 
 @pytest.mark.slow
-def test_a_million_rays_agree_on_sponza():
-    rng = np.random.default_rng()
+def test_a_million_rays_agree_on_sponza(rng):
     each = 75_000
     counts = compare(corners_of("sponza_crytek/sponza.obj"), each, rng)
     assert sum(int(c.sum()) for c in counts.values()) >= 1_000_000

@@ -46,8 +46,7 @@ def moving(rng, scene=None, movers=("one", "some", "box"), frames=4, device=None
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_vertices_are_where_float64_puts_them(size):
-    rng = np.random.default_rng()
+def test_vertices_are_where_float64_puts_them(rng, size):
     shared, motion = moving(rng)
     scene = shared.scene
     vertices, objects = motion.vertices(scene)
@@ -97,8 +96,7 @@ def bounds_beneath(bvh):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_bounds_are_exactly_those_of_the_moved_triangles(size):
-    rng = np.random.default_rng()
+def test_bounds_are_exactly_those_of_the_moved_triangles(rng, size):
     shared, motion = moving(rng)
     plan = RefitPlan.of(shared.bvh, motion.triangles)
     before = shared.bvh.nodes.reshape(-1, 7, WIDTH)
@@ -118,8 +116,7 @@ def test_bounds_are_exactly_those_of_the_moved_triangles(size):
         np.testing.assert_array_equal(now[:, 6].view(np.int32), then[:, 6].view(np.int32))
 
 
-def test_only_what_moves_and_its_ancestors_are_visited():
-    rng = np.random.default_rng()
+def test_only_what_moves_and_its_ancestors_are_visited(rng):
     scene = crowd(rng)
     bvh = build_bvh(scene.corners)
     motion = MovingObjects.of(scene, [random_motion("one", rng)])
@@ -141,8 +138,7 @@ def test_only_what_moves_and_its_ancestors_are_visited():
 
 @pytest.mark.parametrize("packets", [False, True])
 @pytest.mark.parametrize("size", [32, 96])
-def test_hits_are_those_of_a_new_tree_and_of_the_oracles(packets, size):
-    rng = np.random.default_rng()
+def test_hits_are_those_of_a_new_tree_and_of_the_oracles(rng, packets, size):
     shared, _ = moving(rng)
     device = shared.device
     nodes, triangles = shared.bvh_args
@@ -170,8 +166,7 @@ def test_hits_are_those_of_a_new_tree_and_of_the_oracles(packets, size):
             assert np.array_equal(near, mine.distance < limit), (kind, frame)
 
 
-def test_nothing_drifts_in_a_thousand_frames():
-    rng = np.random.default_rng()
+def test_nothing_drifts_in_a_thousand_frames(rng):
     scene = crowd(rng)
     axis = tuple(rng.normal(size=3).tolist())
     motion = MovingObjects.of(
@@ -198,9 +193,8 @@ def test_nothing_drifts_in_a_thousand_frames():
         np.testing.assert_array_equal(now.view(np.int32), then.view(np.int32))
 
 
-def test_a_large_scene_on_the_move_loses_no_ray():
+def test_a_large_scene_on_the_move_loses_no_ray(rng):
     """Leaves of several blocks and a deep tree, all of it on the move at once."""
-    rng = np.random.default_rng()
     scene = crowd(rng, (3000, 5000), ("still", "all"))
     scene.positions[:200] = scene.positions[0] + 1e-3 * rng.normal(size=(200, 3))
     shared, _ = moving(rng, scene, ("still", "all", "box"), frames=2)
@@ -214,8 +208,7 @@ def test_a_large_scene_on_the_move_loses_no_ray():
         assert not np.any(why == UNEXPLAINED), kind
 
 
-def test_memory_in_closed_form():
-    rng = np.random.default_rng()
+def test_memory_in_closed_form(rng):
     shared, motion = moving(rng)
     device, scene = shared.device, shared.scene
     assert shared.nbytes == device.memory.total_bytes
@@ -237,8 +230,7 @@ def test_memory_in_closed_form():
     assert resting.nbytes == frame_scene_bytes(*size, shared.bvh) + 48 * 5
 
 
-def test_transforms_are_the_motions():
-    rng = np.random.default_rng()
+def test_transforms_are_the_motions(rng):
     shared, motion = moving(rng)
     for frame in (0, 2):
         shared.begin_frame(frame)
@@ -248,8 +240,7 @@ def test_transforms_are_the_motions():
         assert not np.array_equal(table[1], np.eye(3, 4))
 
 
-def test_work_counts_each_vertex_triangle_and_node_once():
-    rng = np.random.default_rng()
+def test_work_counts_each_vertex_triangle_and_node_once(rng):
     shared, motion = moving(rng)
     vertices, triangles = len(motion.vertices(shared.scene)[0]), int(motion.triangles.sum())
     plan = RefitPlan.of(shared.bvh, motion.triangles)
@@ -266,7 +257,7 @@ def test_work_counts_each_vertex_triangle_and_node_once():
     assert leaves.bytes_read == 20 * triangles + 12 * vertices
 
 
-def test_vertices_that_no_triangle_uses_rest():
+def test_vertices_that_no_triangle_uses_rest(rng):
     scene = furnished_room()
     loose = np.full((2, 3), 7.0, np.float32)
     scene = replace(
@@ -275,15 +266,13 @@ def test_vertices_that_no_triangle_uses_rest():
         normals=np.concatenate([scene.normals, loose]),
         uvs=np.zeros((len(scene.positions) + 2, 2), np.float32),
     )
-    rng = np.random.default_rng()
     shared, motion = moving(rng, scene, ("left box",))
     assert motion.vertices(scene)[0].max() < len(scene.positions) - 2
     begin(shared, 1, 16)
     np.testing.assert_array_equal(shared.device.read(shared.surfaces.positions)[-2:], loose)
 
 
-def test_a_scene_of_one_triangle_moves():
-    rng = np.random.default_rng()
+def test_a_scene_of_one_triangle_moves(rng):
     scene = crowd(rng, (1,), ("all",))
     keep = scene.object_ids == scene.object_ids[0]
     scene = replace(scene, triangles=scene.triangles[keep], object_ids=scene.object_ids[keep],

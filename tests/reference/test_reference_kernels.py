@@ -126,8 +126,7 @@ def connection(scene, packed, light, vertex, path, point, normal):
 
 
 @pytest.mark.parametrize(("vertex", "count"), [(0, 259), (2, 131), (1, 1)])
-def test_connect_and_resolve(group, vertex, count):
-    rng = np.random.default_rng()
+def test_connect_and_resolve(rng, group, vertex, count):
     scene, tracer = random_scene(rng), ChosenRays()
     front, q, at = ready(scene, tracer, rng, count)
     before = q.collected.array.copy()
@@ -174,8 +173,7 @@ def test_connect_and_resolve(group, vertex, count):
         (0, 1, True, 259),
     ],
 )
-def test_shade(group, vertex, kind, plain, count):
-    rng = np.random.default_rng()
+def test_shade(rng, group, vertex, kind, plain, count):
     scene = random_scene(rng)
     triangle = rng.integers(-1, len(scene.triangles), count).astype(np.int32)
     u = rng.random(count).astype(np.float32) * np.float32(0.5)
@@ -249,8 +247,7 @@ def test_shade(group, vertex, kind, plain, count):
             assert after.density.array[j] == pytest.approx(wanted, abs=1e-4)
 
 
-def test_start_at_receivers_and_average(group):
-    rng = np.random.default_rng()
+def test_start_at_receivers_and_average(rng, group):
     scene = random_scene(rng)
     groups = [rng.choice(12, 3, replace=False) for _ in range(OWNERS)]
     fragments = pack_fragments(lightmap_of(scene, groups).fragments)
@@ -282,8 +279,7 @@ def test_start_at_receivers_and_average(group):
     assert q.mean.array[:OWNERS] == pytest.approx(expected, rel=1e-5)
 
 
-def test_start_at_camera(group):
-    rng = np.random.default_rng()
+def test_start_at_camera(rng, group):
     scene = random_scene(rng)
     camera = Camera(tuple(rng.random(3)), tuple(rng.random(3) + 1), 47.0)
     width, height = 9, 5

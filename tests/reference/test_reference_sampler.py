@@ -39,8 +39,7 @@ def draw():
     return run
 
 
-def test_samples_equal_the_formulas(draw):
-    rng = np.random.default_rng()
+def test_samples_equal_the_formulas(rng, draw):
     index = rng.integers(0, 1 << 32, 200, dtype=np.uint32)
     seed = int(rng.integers(0, 1 << 32))
     pairs, single, second = draw(index, seed)

@@ -236,8 +236,8 @@ def test_exposure_is_one_for_all_images_of_a_scene(tmp_path: Path) -> None:
     assert exposure_of(np.zeros((2, 2, 3))) == 1.0
 
 
-def test_png_round_trip() -> None:
-    pixels = np.random.default_rng().integers(0, 256, (5, 7, 3), np.uint8)
+def test_png_round_trip(rng: np.random.Generator) -> None:
+    pixels = rng.integers(0, 256, (5, 7, 3), np.uint8)
     with Image.open(BytesIO(png(pixels))) as image:
         np.testing.assert_array_equal(np.asarray(image), pixels)
 

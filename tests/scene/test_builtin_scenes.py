@@ -96,11 +96,10 @@ def test_same_scene_every_time(name):
 
 
 @pytest.mark.parametrize("name", [n for n in SIZES if n != "two-rooms"])
-def test_sun_moves_and_reaches_the_scene(name):
+def test_sun_moves_and_reaches_the_scene(rng, name):
     """Every frame differs, and over the swing the sun lights a fair part of the surface."""
     scene = built(name)
     traced, normals = embree(scene), face_normals(scene)
-    rng = np.random.default_rng()
     area = triangle_areas(scene.corners.astype(np.float64))
     chosen = rng.choice(len(area), 20_000, p=area / area.sum())
     b = rng.dirichlet([1, 1, 1], len(chosen))
@@ -120,10 +119,9 @@ def test_sun_moves_and_reaches_the_scene(name):
 
 
 @pytest.mark.parametrize("name", SIZES)
-def test_cameras_see_fronts_only(name):
+def test_cameras_see_fronts_only(rng, name):
     scene = built(name)
     traced, normals = embree(scene), face_normals(scene)
-    rng = np.random.default_rng()
     for camera in scene.cameras:
         eye = np.array(camera.position)
         axis = np.array(camera.target) - eye
@@ -139,7 +137,7 @@ def test_cameras_see_fronts_only(name):
 
 
 @pytest.mark.parametrize("name", UNWRAPPED)
-def test_receivers(name):
+def test_receivers(rng, name):
     """Their number within 1 %, their area that of the surface, none inside a wall."""
     scene, lightmap = built(name), unwrapped(name)
     receivers = lightmap.receivers
@@ -149,7 +147,6 @@ def test_receivers(name):
     assert np.isfinite(lightmap.triangle_uvs).all()
     low, high = scene.bounds
     start = receivers.position + 1e-4 * np.linalg.norm(high - low) * receivers.normal
-    rng = np.random.default_rng()
     traced, normals = embree(scene), face_normals(scene)
     backs = np.zeros(len(receivers))
     for _ in range(16):

@@ -51,8 +51,7 @@ def texel_of(lightmap: Lightmap, triangle, b) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("spread", "size"), [(30.0, 30.0), (200.0, 1.5), (8.0, 0.05)])
-def test_pieces_add_up_and_stay_in_their_texels(spread, size):
-    rng = np.random.default_rng()
+def test_pieces_add_up_and_stay_in_their_texels(rng, spread, size):
     uvs = rng.uniform(0, spread, (500, 1, 2)) + rng.uniform(-size, size, (500, 3, 2))
     area = np.zeros(500)
     for pieces in clip(uvs, batch=1000):
@@ -67,8 +66,7 @@ def test_pieces_add_up_and_stay_in_their_texels(spread, size):
     np.testing.assert_allclose(area, true, rtol=1e-5, atol=1e-6 * (4 * size + 8))
 
 
-def test_covered_texels_equal_dense_sampling():
-    rng = np.random.default_rng()
+def test_covered_texels_equal_dense_sampling(rng):
     uvs = rng.uniform(0, 6, (40, 3, 2))
     found = {(t, x, y) for part in covered_texels(uvs) for t, x, y in zip(*part, strict=True)}
     b = rng.dirichlet([0.7, 0.7, 0.7], (40, 20_000))
@@ -114,17 +112,17 @@ def hall() -> tuple[Scene, Lightmap]:
     return scene, unwrap(scene, 20_000)
 
 
-def test_every_surface_point_has_a_valid_texel(hall):
+def test_every_surface_point_has_a_valid_texel(rng, hall):
     scene, lightmap = hall
-    triangle, b = surface_points(scene, 200_000, np.random.default_rng())
+    triangle, b = surface_points(scene, 200_000, rng)
     assert (lightmap.receiver_of_texel[texel_of(lightmap, triangle, b)] >= 0).all()
 
 
-def test_receivers_average_the_surface_of_their_texel(hall):
+def test_receivers_average_the_surface_of_their_texel(rng, hall):
     """Random surface points, binned by texel, give back area, normal and albedo."""
     scene, lightmap = hall
     count, points = len(lightmap.receivers), 2_000_000
-    triangle, b = surface_points(scene, points, np.random.default_rng())
+    triangle, b = surface_points(scene, points, rng)
     owner = lightmap.receiver_of_texel[texel_of(lightmap, triangle, b)]
     hits = np.bincount(owner, minlength=count)
     surface = float(lightmap.receivers.area.sum(dtype=np.float64))
@@ -155,8 +153,7 @@ def test_positions_lie_on_their_fragments(hall):
     np.testing.assert_allclose(unit, 1, atol=1e-5)
 
 
-def test_closest_point_against_dense_sampling():
-    rng = np.random.default_rng()
+def test_closest_point_against_dense_sampling(rng):
     corners, points = rng.normal(size=(50, 3, 3)), rng.normal(size=(50, 3))
     b = rng.dirichlet([0.5, 0.5, 0.5], 20_000)
     sampled = np.linalg.norm(np.einsum("nk,tki->tni", b, corners) - points[:, None], axis=2).min(1)
@@ -189,8 +186,7 @@ def test_charts_keep_their_distance(padding):
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (64, 48), (300, 200)])
-def test_texture_average_against_brute_force(shape):
-    rng = np.random.default_rng()
+def test_texture_average_against_brute_force(rng, shape):
     pixels = rng.uniform(0, 1, (*shape, 3)).astype(np.float32)
     uvs = rng.uniform(-2, 2, (12, 1, 2)) + rng.uniform(-0.3, 0.3, (12, 3, 2))
     b = rng.dirichlet([1, 1, 1], 200_000)
@@ -319,7 +315,7 @@ def scenes_folder() -> Path:
 
 
 @pytest.mark.slow
-def test_real_sponza_meets_its_receivers():
+def test_real_sponza_meets_its_receivers(rng):
     path = scenes_folder() / "sponza_crytek" / "sponza.obj"
     if not path.is_file():
         pytest.skip(f"the real Sponza is not at {path}; set GIBENCH_SCENES")
@@ -339,7 +335,7 @@ def test_real_sponza_meets_its_receivers():
     print(f"\nSponza: {len(lightmap.receivers)} receivers in {time.perf_counter() - start:.1f} s")
     assert len(lightmap.receivers) == pytest.approx(246_325, rel=0.01)
     assert lightmap.receivers.area.sum(dtype=np.float64) == pytest.approx(area.sum(), rel=1e-4)
-    triangle, b = surface_points(scene, 300_000, np.random.default_rng())
+    triangle, b = surface_points(scene, 300_000, rng)
     texel = texel_of(lightmap, triangle, b)
     share = (lightmap.receiver_of_texel[texel] >= 0).mean()
     assert share > 0.99999

@@ -23,8 +23,7 @@ ORIGIN = (0.0, 0.0, 0.0)
 # -- poses ----------------------------------------------------------------------------------------
 
 
-def test_a_turn_goes_round_once_a_period():
-    rng = np.random.default_rng()
+def test_a_turn_goes_round_once_a_period(rng):
     axis, through = rng.normal(size=3), rng.normal(size=3)
     turn = Turn("box", tuple(axis), tuple(through), period_frames=7)
     for frame in (0, 3, 12, 7_000_000_003):
@@ -45,8 +44,7 @@ def test_a_swing_goes_to_each_side_and_back():
     np.testing.assert_allclose(angles, expected, atol=1e-12)
 
 
-def test_keyframes_are_met_and_never_overshot():
-    rng = np.random.default_rng()
+def test_keyframes_are_met_and_never_overshot(rng):
     motion = random_motion("box", rng, frames=5)
     motion = Keyframes("box", (3, 10, 11, 30, 50), motion.positions, motion.rotations)
     for frame, position, rotation in zip(
@@ -132,8 +130,8 @@ def test_objects_turn_about_their_middle_or_where_they_are_told():
         assert np.array_equal(motion.triangles, scene.object_numbers() == 1)
 
 
-def test_all_objects_of_a_name_move_as_one():
-    scene = crowd(np.random.default_rng(), (5, 6, 7), ("a", "b", "a"))
+def test_all_objects_of_a_name_move_as_one(rng):
+    scene = crowd(rng, (5, 6, 7), ("a", "b", "a"))
     motion = MovingObjects.of(scene, [Turn("a", (0, 1, 0))])
     assert motion.triangles.sum() == 12
     assert motion.numbers[0].tolist() == [0, 2]

@@ -51,8 +51,7 @@ def samples_of(technique, rng, frames=7):
 
 
 @pytest.mark.parametrize("technique", ["ddgi", "gibs"])
-def test_ekbergs_columns_are_medians_of_the_samples(technique):
-    rng = np.random.default_rng()
+def test_ekbergs_columns_are_medians_of_the_samples(rng, technique):
     samples, times = samples_of(technique, rng)
     rows = rows_of(samples, {**KEY, "technique": technique})
     assert [row["when"] for row in rows] == [AT_REST, MOVED]

@@ -108,9 +108,8 @@ def in_sight(tracer, position, points, normals):
 
 
 @pytest.mark.parametrize("name", ["cornell-box", "two-rooms"])
-def test_the_built_in_flight_shows_what_the_camera_at_rest_does_not(name):
+def test_the_built_in_flight_shows_what_the_camera_at_rest_does_not(rng, name):
     scene = load_scene(name)
-    rng = np.random.default_rng()
     corners = scene.corners.astype(np.float64)
     edges = corners[:, 1:] - corners[:, :1]
     across = np.cross(edges[:, 0], edges[:, 1])

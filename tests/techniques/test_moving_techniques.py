@@ -72,7 +72,7 @@ def test_every_technique_that_follows_gains_the_passes_first_and_nothing_else():
 @pytest.mark.parametrize("variant", [PUBLISHED, TUNED])
 @pytest.mark.parametrize("width", widths(8, 16))
 @pytest.mark.parametrize("size", [16, 100])
-def test_direct_light_is_that_of_the_scene_as_it_lies(monkeypatch, variant, width, size):
+def test_direct_light_is_that_of_the_scene_as_it_lies(rng, monkeypatch, variant, width, size):
     """Shadows, shading normals and all: as the same kernels have it where the moved triangles rest,
     and by float64 and Embree.
 
@@ -81,7 +81,6 @@ def test_direct_light_is_that_of_the_scene_as_it_lies(monkeypatch, variant, widt
     albedo / pi.
     """
     monkeypatch.setattr(Device, "vector_width", property(lambda self: width))
-    rng = np.random.default_rng()
     scene = furnished_room()
     motion = MovingObjects.of(
         scene,
@@ -137,9 +136,9 @@ def off_box(points, low, high):
 
 
 @pytest.mark.parametrize(("variant", "grid"), [(PUBLISHED, PERSPECTIVE), (TUNED, "uniform")])
-def test_surfels_stay_on_the_surface_of_what_moves(variant, grid):
+def test_surfels_stay_on_the_surface_of_what_moves(rng, variant, grid):
     """To 5 micrometres in a room of 4 m, ten roundings of float32, whenever they were placed."""
-    scene, motion = moves_about(np.random.default_rng())
+    scene, motion = moves_about(rng)
     capacity = 900
     technique = gibs(
         scene, variant, motion=motion, surfels=capacity, grid=grid, placement_chance=1.0,

@@ -92,10 +92,9 @@ __kernel void there_and_back(__global const float *square, __global const float 
 """
 
 
-def test_octahedral_round_trip(scene):
+def test_octahedral_round_trip(rng, scene):
     technique = create(scene, SMALL)
     device, count = technique.device, 20_000
-    rng = np.random.default_rng()
     square = rng.uniform(-1, 1, (count, 2)).astype(np.float32)
     direction = random_unit(rng, count)
     direction[:6] = np.concatenate([np.eye(3), -np.eye(3)])

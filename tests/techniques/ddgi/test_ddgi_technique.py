@@ -204,9 +204,9 @@ def test_the_probes_picture_shows_probes():
 
 
 @pytest.mark.parametrize("storage", ["fp16", "fp32"])
-def test_the_probes_picture_equals_every_sphere_by_every_ray(storage):
+def test_the_probes_picture_equals_every_sphere_by_every_ray(rng, storage):
     """Nearest sphere of all, and what its probe's map holds for the normal there, in float64."""
-    rng, (width, height) = np.random.default_rng(), (160, 120)
+    width, height = 160, 120
     scene, lightmap = empty_room(side=4)
     scene = looking(scene, (0.3, 1.1, 1.0), (-0.1, 1.3, 0.0))
     settings = {"counts": "5x4x6", "storage": storage}

@@ -48,9 +48,8 @@ KINDS = ("random", "few, most cells empty", "none", "one cell", "on borders", "o
          "outside")  # fmt: skip
 
 
-def sorted_lists(device, grid, position, normal, radius, published, size=64, **frame):
+def sorted_lists(rng, device, grid, position, normal, radius, published, size=64, **frame):
     """Every cell's list of IDs; IDs are not the places in the list of the living."""
-    rng = np.random.default_rng()
     n = len(position)
     ids = rng.permutation(2 * n + 1)[:n]
     words = frame_words(n, least=radius, most=radius, **frame)
@@ -70,13 +69,12 @@ def sorted_lists(device, grid, position, normal, radius, published, size=64, **f
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [2, 24, 256])
-def test_published_lists_hold_the_cell_and_all_neighbours(kind, size):
-    rng = np.random.default_rng()
+def test_published_lists_hold_the_cell_and_all_neighbours(rng, kind, size):
     position = random_positions(kind, rng).astype(np.float32)
     normal = unit_vectors(len(position), rng)
     device = any_size_device()
     lists, lengths, _ = sorted_lists(
-        device, UNIFORM, position, normal, UNIFORM.cell, True, size=size
+        rng, device, UNIFORM, position, normal, UNIFORM.cell, True, size=size
     )
     expected = neighbour_lists(UNIFORM, position)
     assert lists == expected
@@ -110,14 +108,13 @@ def reached_lists(grid, position, normal, radius):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [1, 24, 256])
-def test_tuned_lists_hold_the_cells_that_are_reached(kind, size):
-    rng = np.random.default_rng()
+def test_tuned_lists_hold_the_cells_that_are_reached(rng, kind, size):
     position = random_positions(kind, rng).astype(np.float32)
     normal = unit_vectors(len(position), rng)
     normal[::3] = np.eye(3, dtype=np.float32)[rng.integers(0, 3, len(normal[::3]))]
     radius = 0.7 * UNIFORM.cell
     lists, lengths, _ = sorted_lists(
-        any_size_device(), UNIFORM, position, normal, radius, False, size=size
+        rng, any_size_device(), UNIFORM, position, normal, radius, False, size=size
     )
     assert lengths == [len(one) for one in lists]
     cells_of = [set() for _ in position]
@@ -160,9 +157,8 @@ def perspective_cells(grid, position, camera):
 
 
 @pytest.mark.parametrize("published", [True, False])
-def test_perspective_lists_hold_every_surfel_that_weighs_in_the_cell(published):
+def test_perspective_lists_hold_every_surfel_that_weighs_in_the_cell(rng, published):
     """Points strewn over each surfel's disk lie in cells whose lists hold the surfel."""
-    rng = np.random.default_rng()
     grid = PerspectiveGrid(half_side=0.5, divisions=8, slices=20)
     camera = np.array([0.3, 0.8, 2.5])
     scale = np.exp(rng.uniform(-3, 1.5, (400, 1)))
@@ -191,8 +187,7 @@ def test_perspective_lists_hold_every_surfel_that_weighs_in_the_cell(published):
     assert len(ids) < 60 * n
 
 
-def test_objects_carry_their_surfels():
-    rng = np.random.default_rng()
+def test_objects_carry_their_surfels(rng):
     position, normal = rng.uniform(0, 1, (300, 3)), unit_vectors(300, rng)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     shift = rng.normal(size=3)
@@ -216,8 +211,7 @@ def test_objects_carry_their_surfels():
     assert all(k in ids[starts[home[k]] : starts[home[k] + 1]] for k in range(300))
 
 
-def test_what_finds_no_room_is_dropped_and_nothing_else_is_touched():
-    rng = np.random.default_rng()
+def test_what_finds_no_room_is_dropped_and_nothing_else_is_touched(rng):
     position = random_positions("random", rng).astype(np.float32)
     device = any_size_device()
     n = len(position)

@@ -38,8 +38,7 @@ def estimator_step(e, y, floored):
 
 @pytest.mark.parametrize("floored", [True, False])
 @pytest.mark.parametrize("size", SIZES)
-def test_update_surfels_equals_numpy(size, floored):
-    rng = np.random.default_rng()
+def test_update_surfels_equals_numpy(rng, size, floored):
     n = 37
     rays = rng.integers(0, 6, n)
     first = np.concatenate([[0], np.cumsum(rays)]).astype(np.uint32)
@@ -102,9 +101,8 @@ def few_bright_rays(n, rays, share, rng):
 
 
 @pytest.mark.parametrize("share", [0.5, 0.1, 0.05])
-def test_the_floored_estimator_is_right_on_average_however_few_rays_are_bright(share):
+def test_the_floored_estimator_is_right_on_average_however_few_rays_are_bright(rng, share):
     """The chapter's own is too dark the fewer they are: what ``floored`` is for."""
-    rng = np.random.default_rng()
     n, rays = 2000, 1500
     light = few_bright_rays(n, rays, share, rng)
     found = {}
@@ -141,8 +139,7 @@ def test_the_floored_estimator_is_right_on_average_however_few_rays_are_bright(s
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("rays", [1, 50, 513, 3000])
-def test_rays_are_shared_out_exactly_and_in_proportion(size, rays):
-    rng = np.random.default_rng()
+def test_rays_are_shared_out_exactly_and_in_proportion(rng, size, rays):
     n = 513
     requests = rng.integers(1, 1000, n).astype(np.uint64)
     before = np.concatenate([[0], np.cumsum(requests)]).astype(np.uint32)

@@ -91,8 +91,7 @@ def gathered(x, n, position, normal, radius, irradiance, moments):
     ("vec", "published"), widths((1, True), *((v, False) for v in (1, 2, 4, 8, 16)))
 )
 @pytest.mark.parametrize("kind", ["uniform", "perspective"])
-def test_gathering_equals_the_sum_over_all_surfels(kind, published, vec, depth):
-    rng = np.random.default_rng()
+def test_gathering_equals_the_sum_over_all_surfels(rng, kind, published, vec, depth):
     n, points = 1200, 200
     # Surfels on a few planes, facing a few ways, as in a scene.
     position = rng.uniform(*BOUNDS, (n, 3))
@@ -153,7 +152,7 @@ def test_gathering_equals_the_sum_over_all_surfels(kind, published, vec, depth):
     assert np.mean(np.array(expected)[:, 3] > 0.1) > 0.2
 
 
-def test_hemisphere_texels_are_equally_likely_and_found_again():
+def test_hemisphere_texels_are_equally_likely_and_found_again(rng):
     """16 texels, area-preserving: directions through the centres and random ones come back."""
     device = any_size_device()
     source = (
@@ -168,7 +167,6 @@ def test_hemisphere_texels_are_equally_likely_and_found_again():
         back[i] = hemisphere_square(load3(normal, i), d);
     }"""
     )
-    rng = np.random.default_rng()
     n = 4096
     normal = unit_vectors(n, rng)
     square = rng.uniform(-1, 1, (n, 2)).astype(np.float32)
@@ -190,8 +188,7 @@ def test_hemisphere_texels_are_equally_likely_and_found_again():
 
 @pytest.mark.parametrize("size", [1, 24, 64, 256, 512])
 @pytest.mark.parametrize(("width", "height"), [(16, 16), (50, 37), (7, 3)])
-def test_every_tile_finds_its_least_covered_pixel(size, width, height):
-    rng = np.random.default_rng()
+def test_every_tile_finds_its_least_covered_pixel(rng, size, width, height):
     covered = rng.choice([0.0, 0.25, 0.9999, 1.0, 3.7, 1e9], (height, width))
     surface = rng.random((height, width)) < 0.8
     g = np.zeros((height, width, 4), np.float32)

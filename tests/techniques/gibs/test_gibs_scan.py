@@ -44,8 +44,8 @@ def expected(values):
     return (sums & 0xFFFFFFFF).astype(np.uint32)
 
 
-def some_values(length):
-    return np.random.default_rng().integers(0, 4000, length, dtype=np.uint32)
+def some_values(rng, length):
+    return rng.integers(0, 4000, length, dtype=np.uint32)
 
 
 def device_of(simd_width):
@@ -57,20 +57,20 @@ def device_of(simd_width):
 @pytest.mark.parametrize(
     ("simd", "size"), [(32, 32), (32, 96), (64, 256), (1, 24), (1, 7), (32, 512)]
 )
-def test_waves_scan_exactly(length, simd, size):
-    values = some_values(length)
+def test_waves_scan_exactly(rng, length, simd, size):
+    values = some_values(rng, length)
     np.testing.assert_array_equal(waves(device_of(simd), values, size), expected(values)[:-1])
 
 
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("size", [1, 3, 32, 96, 256, 1024])
-def test_blocks_scan_exactly(length, size):
-    values = some_values(length)
+def test_blocks_scan_exactly(rng, length, size):
+    values = some_values(rng, length)
     np.testing.assert_array_equal(blocks(device_of(1), values, size), expected(values))
 
 
-def test_blocks_scan_fewer_than_there_is_room_for():
-    values = some_values(5000)
+def test_blocks_scan_fewer_than_there_is_room_for(rng):
+    values = some_values(rng, 5000)
     np.testing.assert_array_equal(blocks(device_of(1), values, 64, capacity=9001), expected(values))
 
 
@@ -81,7 +81,7 @@ def test_sums_wrap_at_32_bits():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scan", [waves, blocks])
-def test_ten_million_values(scan):
-    values = some_values(10_000_000)
+def test_ten_million_values(rng, scan):
+    values = some_values(rng, 10_000_000)
     got = scan(device_of(64), values, 256)
     np.testing.assert_array_equal(got, expected(values)[: len(got)])

@@ -37,11 +37,10 @@ def test_every_relight_ray_is_in_one_patch_of_its_side(setting):
         assert (np.sign(facing[:, axis]) == np.sign(facing[0, axis])).all()
 
 
-def test_columns_add_up_to_what_the_probes_see(setting):
+def test_columns_add_up_to_what_the_probes_see(rng, setting):
     """Patches of random radiance: by columns, and by every ray on its own in float64."""
     lightmap, relight = setting
     light = expected_light(lightmap, relight)
-    rng = np.random.default_rng()
     probes = np.sort(rng.choice(5, 3, replace=False)).astype(np.int32)
     shine = rng.random(light.patch.max() + 1)
     seen = np.unique(light.patch[probes])
