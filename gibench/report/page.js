@@ -145,17 +145,17 @@ function distributions() {
   const shown = DATA.configurations.filter(c => c.passes.length);
   shown.forEach((c, k) => choice.append(element("option", { value: k }, title(c))));
   const draw = () => {
-    const c = shown[choice.value], width = 1100, row = 40, left = 170;
+    const c = shown[choice.value], width = 1100, row = 30, left = 170;
     const lines = [...c.passes, ...(c.times.length && c.median !== null
       ? [{ name: "whole frame", median: c.median, times: c.times }] : [])];
     const svg = element("svg", { viewBox: `0 0 ${width} ${row * lines.length + 10}` });
     lines.forEach((one, k) => {
       const low = one.times[0], high = one.times[one.times.length - 1], span = high - low || 1;
-      const x = value => left + 20 + (value - low) / span * (width - left - 140), y = row * k + 22;
+      const x = value => left + 90 + (value - low) / span * (width - left - 210), y = row * k + 18;
       svg.append(element("text", { x: left - 8, y: y + 4, "text-anchor": "end" }, one.name),
         element("line", { x1: x(low), x2: x(high), y1: y, y2: y }),
         element("text", { x: x(high) + 8, y: y + 4, class: "soft" }, `${figure(high)} ms`),
-        element("text", { x: x(low), y: y + 18, class: "soft" }, figure(low)));
+        element("text", { x: x(low) - 8, y: y + 4, "text-anchor": "end", class: "soft" }, figure(low)));
       const fill = passNames.includes(one.name) ? color(one.name) : "var(--soft)";
       one.times.forEach((value, i) => svg.append(element("circle",
         { cx: x(value), cy: y + (i * 7 % 11) - 5, r: 2.6, fill, class: "dot" })));
