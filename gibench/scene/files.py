@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 from gibench.errors import BadInput
 
@@ -45,3 +45,15 @@ def find_beside(folder: Path, name: str) -> Path | None:
         return current if current.is_file() else None
     except (OSError, ValueError):
         return None
+
+
+def find_near(folders: tuple[Path, ...], name: str) -> Path | None:
+    """The file called ``name`` in one of ``folders``, as a path from there, or by its last part
+    alone: where people put files whose path was another machine's.
+    """
+    for wanted in (name, PureWindowsPath(name).name):
+        for folder in folders:
+            found = find_beside(folder, wanted)
+            if found is not None:
+                return found
+    return None

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from gibench.errors import BadInput
 from gibench.scene import builtin
-from gibench.scene.defaults import scene_of
 from gibench.scene.model import Scene
-from gibench.scene.readers.clean import clean
+from gibench.scene.readers.assemble import assembled
 from gibench.scene.readers.mesh import read_mesh
 from gibench.scene.readers.scene_file import load_scene_file
 
@@ -44,7 +43,7 @@ def _from_file(name_or_path: str) -> Scene:
     if path.suffix.lower() == ".toml":
         return load_scene_file(path)
     content = read_mesh(path)
-    return scene_of(path.stem, clean(content, path), content)
+    return assembled(path.stem, content, path)
 
 
 def _exists(path: Path) -> bool:

@@ -39,17 +39,45 @@ class Texture:
 class Material:
     """A diffuse material.
 
+    Light depends on the first four attributes alone. The others are what the file says besides;
+    loading turns some of them into geometry (``readers/realise.py``) and says what is not used.
+
     Attributes:
         name: as in the file.
         base_color: diffuse albedo, times the texture where there is one.
         emission: emitted radiance, W/m2/sr.
         texture: index into ``Scene.textures``, or -1.
+        emission_map: name of the image that emission was multiplied with, or "".
+        alpha_mode: "opaque", "mask" (cut out where alpha is under the cutoff) or "blend".
+        alpha_cutoff: of "mask".
+        opacity: share of the light that does not pass, times the alpha of an image.
+        opacity_map: name of that image, or "".
+        transmission: share of the light that passes a thin surface (glass), 0 to 1.
+        two_sided: the back reflects as the front does.
+        roughness: perceptual, 0 to 1 (glTF 2.0, appendix B.2.3; MTL's Pr).
+        metalness: 0 to 1 (glTF's metallic; MTL's Pm).
+        roughness_map: name of the image of roughness and metalness, or "".
+        normal_map: name of the image of tangent space normals, or "".
+        unlit: shown in its colour whatever the light (KHR_materials_unlit).
     """
 
     name: str
     base_color: Vec3 = (0.8, 0.8, 0.8)
     emission: Vec3 = BLACK
     texture: int = -1
+    # Not in the representation, which is hashed: no result depends on them.
+    emission_map: str = field(default="", repr=False)
+    alpha_mode: str = field(default="opaque", repr=False)
+    alpha_cutoff: float = field(default=0.5, repr=False)
+    opacity: float = field(default=1.0, repr=False)
+    opacity_map: str = field(default="", repr=False)
+    transmission: float = field(default=0.0, repr=False)
+    two_sided: bool = field(default=False, repr=False)
+    roughness: float = field(default=1.0, repr=False)
+    metalness: float = field(default=0.0, repr=False)
+    roughness_map: str = field(default="", repr=False)
+    normal_map: str = field(default="", repr=False)
+    unlit: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -244,6 +272,8 @@ class Scene:
         regions: parts of the image whose error is told apart; no result depends on them.
         motions: of its objects, at rest unless a run follows them.
         warnings: what was dropped while loading, one line each, with counts.
+        origin: the point of the file's space where this scene has its origin, m; not 0, 0, 0 where
+            the file lies far from its own (``readers/recentre.py``).
     """
 
     name: str
@@ -265,6 +295,7 @@ class Scene:
     object_names: tuple[str, ...] = field(default=(), repr=False)
     motions: tuple[Motion, ...] = ()
     warnings: tuple[str, ...] = ()
+    origin: Vec3 = BLACK
 
     @property
     def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -102,7 +102,8 @@ def _in_range(part: Part, dropped: dict[str, int]) -> Part:
     dropped[kind] = dropped.get(kind, 0) + int((~inside).sum())
     if inside.all():
         return part
-    return replace(part, triangles=part.triangles[inside])
+    materials = None if part.materials is None else part.materials[inside]
+    return replace(part, triangles=part.triangles[inside], materials=materials)
 
 
 def _join(parts: list[Part]) -> _Mesh:
@@ -132,7 +133,12 @@ def _join(parts: list[Part]) -> _Mesh:
             3,
             np.int64,
         ),
-        material_ids=np.repeat([part.material for part in parts], sizes).astype(np.int64),
+        material_ids=np.concatenate(
+            [
+                np.full(size, part.material) if part.materials is None else part.materials
+                for part, size in zip(parts, sizes, strict=True)
+            ]
+        ).astype(np.int64),
         object_ids=np.repeat([part.object_id for part in parts], sizes).astype(np.int64),
         had_normals=np.repeat([part.normals is not None for part in parts], sizes).astype(bool),
     )

@@ -40,6 +40,10 @@ class Part:
         normals: (v, 3) float or None.
         uvs: (v, 2) float, v upwards, or None.
         lightmap_uvs: (v, 2) float or None.
+        emission_uvs: (v, 2) float, of the emission's image, v upwards; None for ``uvs``.
+        opacity_uvs: (v, 2) float, of the opacity's image; None for ``uvs``.
+        colors: (v, 3) float, linear, times the material's colour, or None.
+        materials: (t,) int64 material of every triangle, in place of ``material``, or None.
         mirrored: whether a mirroring transform has turned its winding.
     """
 
@@ -50,7 +54,24 @@ class Part:
     normals: Array | None = None
     uvs: Array | None = None
     lightmap_uvs: Array | None = None
+    emission_uvs: Array | None = None
+    opacity_uvs: Array | None = None
+    colors: Array | None = None
+    materials: Array | None = None
     mirrored: bool = False
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Images of a material that loading turns into something simpler.
+
+    Attributes:
+        emission: the material's emission is to be multiplied with it.
+        opacity: the material's opacity is to be multiplied with it; three equal channels.
+    """
+
+    emission: Texture | None = None
+    opacity: Texture | None = None
 
 
 @dataclass(frozen=True)
@@ -61,6 +82,7 @@ class Content:
         parts: its triangles.
         materials: at least one.
         textures: what the materials refer to.
+        maps: of each material; empty for none.
         lights: the file's lights, in the file's world space.
         cameras: the file's cameras, in the file's world space.
         object_names: by ``Part.object_id``; "" where an object has none.
@@ -74,6 +96,11 @@ class Content:
     cameras: tuple[Camera, ...] = ()
     object_names: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
+    maps: tuple[Maps, ...] = ()
+
+    def map_of(self, material: int) -> Maps:
+        """The images of a material."""
+        return self.maps[material] if self.maps else Maps()
 
     def transformed(self, matrix: Array) -> Content:
         """The content moved by a (4, 4) affine ``matrix`` acting on column vectors."""
@@ -165,6 +192,7 @@ def join_contents(contents: Iterable[Content]) -> Content:
     cameras: list[Camera] = []
     names: list[str] = []
     warnings: list[str] = []
+    maps: list[Maps] = []
     next_object = 0
     for content in contents:
         for part in content.parts:
@@ -188,6 +216,7 @@ def join_contents(contents: Iterable[Content]) -> Content:
         for material in content.materials:
             texture = places[material.texture] if material.texture >= 0 else -1
             materials.append(replace(material, texture=texture))
+        maps += content.maps or (Maps(),) * len(content.materials)
         lights += content.lights
         cameras += content.cameras
         warnings += content.warnings
@@ -201,6 +230,7 @@ def join_contents(contents: Iterable[Content]) -> Content:
         tuple(cameras),
         tuple(names),
         tuple(warnings),
+        tuple(maps),
     )
 
 

@@ -3,7 +3,7 @@
 JSON is parsed by pygltflib; what the specification leaves to the loader is done here. Choices:
 light intensities (lux, candela) and emissive strengths (nit) are photometric in glTF and are used
 as radiometric units as they stand (W/m2, W/sr, W/m2/sr), since files are authored for an exposure
-and not for a spectrum. Base colour is the albedo whatever the metalness: all is diffuse here.
+and not for a spectrum.
 """
 
 from __future__ import annotations
@@ -24,8 +24,6 @@ from gibench.scene.files import read_bytes
 from gibench.scene.model import (
     Camera,
     Light,
-    Material,
-    Texture,
 )
 from gibench.scene.readers.content import (
     Array,
@@ -36,9 +34,9 @@ from gibench.scene.readers.content import (
     unit,
     vec3,
 )
-from gibench.scene.readers.gltf_buffers import Buffers
-from gibench.scene.readers.gltf_formulas import local_matrix, punctual_light, triangles, uv_matrix
-from gibench.scene.readers.textures import UnreadableImage, average, texture_from_bytes
+from gibench.scene.readers.gltf_buffers import Buffers, compressed
+from gibench.scene.readers.gltf_formulas import local_matrix, punctual_light, triangles
+from gibench.scene.readers.gltf_materials import Materials, Slot
 
 # Extensions that may be required and still be read: either done here or without effect on diffuse
 # surfaces (every KHR_materials_* beside them).
@@ -48,6 +46,10 @@ _READ_EXTENSIONS = {
     "KHR_texture_transform",
     "EXT_texture_webp",
 }
+# Compressions that are not read: a file with them is refused where it has nothing else.
+_COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
+
+_WRONG_JSON = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 
 
 def load_gltf(path: Path) -> Content:
@@ -65,34 +67,59 @@ def load_gltf(path: Path) -> Content:
     except BadInput:
         raise
     # pygltflib checks no types: a wrong one anywhere in the JSON surfaces as one of these.
-    except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError) as error:
+    except (
+        TypeError,
+        ValueError,
+        LookupError,
+        AttributeError,
+        ArithmeticError,
+        MemoryError,
+    ) as error:
         raise BadInput(f"not a sound glTF 2.0 file ({error})", where=path) from error
 
 
 def _parse(data: bytes, path: Path) -> pygltflib.GLTF2:
-    if data[:4] == b"glTF":
-        if len(data) < 12:
-            raise BadInput("truncated: the file ends inside its header", where=path)
-        version, length = struct.unpack("<II", data[4:12])
-        if version != 2:
-            raise BadInput(f"glb version {version}", where=path, mend="only glTF 2.0 is read")
-        if len(data) < length:
-            raise BadInput(f"truncated: {len(data)} of {length} bytes are there", where=path)
-        try:
-            gltf = pygltflib.GLTF2.load_from_bytes(data)
-        except struct.error as error:
-            raise BadInput("not a sound glb file: a chunk is cut short", where=path) from error
-    else:
-        try:
-            text = data.decode("utf-8-sig")
-            json.loads(text)
-        except (UnicodeDecodeError, json.JSONDecodeError) as error:
-            raise BadInput(f"not a glTF file ({error})", where=path) from error
-        gltf = pygltflib.GLTF2.gltf_from_json(text)
+    text, blob = _chunks(data, path) if data[:4] == b"glTF" else (data, None)
+    try:
+        decoded = text.decode("utf-8-sig")
+        entries = json.loads(decoded)
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise BadInput(
+            f"not a glTF file ({error})", where=path, mend="glTF is JSON in UTF-8"
+        ) from error
+    if not isinstance(entries, dict):
+        raise BadInput("not a glTF file (its JSON is no object)", where=path)
+    gltf = pygltflib.GLTF2.gltf_from_json(decoded)
+    if blob is not None:
+        gltf.set_binary_blob(blob)
     version_text = str(gltf.asset.version if gltf.asset else None)
     if not version_text.startswith("2"):
         raise BadInput(f"glTF version {version_text}", where=path, mend="only glTF 2.0 is read")
     return gltf
+
+
+def _chunks(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
+    """The JSON and the first binary chunk of a glb file; others are passed over, as the
+    specification asks (4.4.3).
+    """
+    if len(data) < 12:
+        raise BadInput("truncated: the file ends inside its header", where=path)
+    version, length = struct.unpack("<II", data[4:12])
+    if version != 2:
+        raise BadInput(f"glb version {version}", where=path, mend="only glTF 2.0 is read")
+    if len(data) < length:
+        raise BadInput(f"truncated: {len(data)} of {length} bytes are there", where=path)
+    found: dict[bytes, bytes] = {}
+    at = 12
+    while at + 8 <= length:
+        size, kind = struct.unpack("<I4s", data[at : at + 8])
+        if at + 8 + size > len(data):
+            raise BadInput("not a sound glb file: a chunk is cut short", where=path)
+        found.setdefault(kind, data[at + 8 : at + 8 + size])
+        at += 8 + size
+    if b"JSON" not in found:
+        raise BadInput("not a sound glb file: it has no JSON chunk", where=path)
+    return found[b"JSON"], found.get(b"BIN\0")
 
 
 def _check_extensions(gltf: pygltflib.GLTF2, path: Path) -> None:
@@ -125,13 +152,13 @@ class _Reader:
         self.buffers = Buffers(gltf, path)
         self.found = _Found()
         self.visited: set[int] = set()
-        self.textures: list[Texture] = []
-        self.texture_of_image: dict[int, int] = {}
+        self.materials = Materials(gltf, self.buffers, path, self.found.ignored)
         self.primitives: dict[tuple[int, int], Part | None] = {}
 
     def read(self) -> Content:
-        materials = [self._material(m, i) for i, m in enumerate(self.gltf.materials or [])]
-        materials.append(Material("default"))
+        materials, maps = self.materials.read()
+        if animations := len(self.gltf.animations or []):
+            self.found.ignored["animations: the pose at rest used"] += animations
         for node in self._roots():
             self._walk(node, np.eye(4))
         if any(count > 1 for count in self.found.meshes.values()):
@@ -149,11 +176,12 @@ class _Reader:
         return Content(
             tuple(self.found.parts),
             tuple(materials),
-            tuple(self.textures),
+            tuple(self.materials.textures),
             tuple(self.found.lights),
             tuple(self.found.cameras),
             tuple(node.name or "" for node in self.gltf.nodes or []),
             self._warnings(),
+            tuple(maps),
         )
 
     def _warnings(self) -> tuple[str, ...]:
@@ -162,12 +190,31 @@ class _Reader:
     def _roots(self) -> list[int]:
         scenes, nodes = self.gltf.scenes or [], self.gltf.nodes or []
         if self.gltf.scene is not None or scenes:
-            index = self.gltf.scene or 0
+            index = self.gltf.scene
+            if index is None:
+                index = self._first_with_a_mesh()
             if not isinstance(index, int) or not 0 <= index < len(scenes):
                 raise BadInput(f"there is no scene {index!r} in the file", where=self.path)
             return list(scenes[index].nodes or [])
         children = {child for node in nodes for child in node.children or []}
         return [i for i in range(len(nodes)) if i not in children]
+
+    def _first_with_a_mesh(self) -> int:
+        """The first scene of a file that names none to begin with: the loader's choice (3.5.1)."""
+        scenes, nodes = self.gltf.scenes or [], self.gltf.nodes or []
+        for index, scene in enumerate(scenes):
+            todo, seen = list(scene.nodes or []), set()
+            while todo:
+                node = todo.pop()
+                if not isinstance(node, int) or not 0 <= node < len(nodes) or node in seen:
+                    continue
+                if nodes[node].mesh is not None:
+                    if index:
+                        self.found.ignored[f"scenes without a mesh before scene {index}"] += index
+                    return index
+                seen.add(node)
+                todo += nodes[node].children or []
+        return 0
 
     def _walk(self, root: int, parent: Array) -> None:
         """Visit a node and all below it, depth first."""
@@ -226,102 +273,55 @@ class _Reader:
             return None
         if primitive.targets:
             self.found.ignored["morph targets"] += 1
-        if attributes.COLOR_0 is not None:
-            self.found.ignored["vertex colours"] += 1
+        for name in _COMPRESSED:
+            if name in (primitive.extensions or {}) and self.buffers.is_empty(attributes.POSITION):
+                raise compressed(name, self.path)
         positions = self.buffers.accessor(attributes.POSITION, 3)
         if primitive.indices is None:
             indices = np.arange(len(positions))
         else:
             indices = self.buffers.accessor(primitive.indices, 1)[:, 0].astype(np.int64)
-        material, uv_set, uv_matrix = self._uv_use(primitive.material)
-        uvs = self._attribute(attributes, f"TEXCOORD_{uv_set}", 2, len(positions))
-        if uvs is not None:
-            uvs = uvs.astype(np.float64) @ uv_matrix[:2, :2].T + uv_matrix[:2, 2]
-            uvs = np.column_stack((uvs[:, 0], 1.0 - uvs[:, 1]))
+        count = len(positions)
+        uses = self.materials.uses(primitive.material)
+        uvs = {name: self._uvs(attributes, use, count) for name, use in uses.slots.items()}
         return Part(
             positions=positions,
             triangles=triangles(indices, mode),
-            material=material,
-            normals=self._attribute(attributes, "NORMAL", 3, len(positions)),
-            uvs=uvs,
-            lightmap_uvs=self._attribute(attributes, "TEXCOORD_1", 2, len(positions)),
+            material=uses.material,
+            normals=self._attribute(attributes, "NORMAL", (3,), count),
+            uvs=uvs["color"],
+            lightmap_uvs=self._attribute(attributes, "TEXCOORD_1", (2,), count),
+            emission_uvs=uvs["emission"],
+            opacity_uvs=uvs["color"],
+            colors=self._colors(attributes, count),
         )
 
-    def _attribute(self, attributes: Any, name: str, width: int, count: int) -> Array | None:
+    def _uvs(self, attributes: Any, use: Slot, count: int) -> Array | None:
+        """Coordinates of a texture slot, v upwards; the first set where it has no texture."""
+        uvs = self._attribute(attributes, f"TEXCOORD_{use.uv_set}", (2,), count)
+        if uvs is None:
+            return None
+        uvs = uvs.astype(np.float64) @ use.matrix[:2, :2].T + use.matrix[:2, 2]
+        return np.column_stack((uvs[:, 0], 1.0 - uvs[:, 1]))
+
+    def _colors(self, attributes: Any, count: int) -> Array | None:
+        """COLOR_0, linear, without its alpha (glTF 2.0, 3.7.2.1)."""
+        colors = self._attribute(attributes, "COLOR_0", (3, 4), count)
+        if colors is None:
+            return None
+        return np.clip(np.nan_to_num(colors[:, :3].astype(np.float64), nan=1.0), 0.0, 1.0)
+
+    def _attribute(
+        self, attributes: Any, name: str, widths: tuple[int, ...], count: int
+    ) -> Array | None:
         index = getattr(attributes, name, None)
         if index is None:
             return None
-        values = self.buffers.accessor(index, width)
+        values = self.buffers.accessor(index, *widths)
         if len(values) != count:
             self.found.ignored[f"{name} of another length than POSITION"] += 1
             return None
         return values
-
-    def _uv_use(self, index: int | None) -> tuple[int, int, Array]:
-        """Material number, texture coordinate set, and the 3x3 transform of the coordinates."""
-        materials = self.gltf.materials or []
-        if index is None:
-            return len(materials), 0, np.eye(3)
-        if not 0 <= index < len(materials):
-            raise BadInput(f"there is no material {index}", where=self.path)
-        pbr = materials[index].pbrMetallicRoughness
-        info = pbr.baseColorTexture if pbr else None
-        if info is None:
-            return index, 0, np.eye(3)
-        extension = (info.extensions or {}).get("KHR_texture_transform", {})
-        uv_set = extension.get("texCoord", info.texCoord or 0)
-        return index, uv_set, uv_matrix(extension)
-
-    def _material(self, material: Any, index: int) -> Material:
-        if material.alphaMode not in (None, "OPAQUE"):
-            self.found.ignored[f"alpha ({material.alphaMode}) of materials: drawn opaque"] += 1
-        pbr = material.pbrMetallicRoughness
-        factor = [1.0, 1.0, 1.0] if pbr is None else (pbr.baseColorFactor or [1.0] * 4)[:3]
-        info = pbr.baseColorTexture if pbr else None
-        strength = (
-            (material.extensions or {})
-            .get("KHR_materials_emissive_strength", {})
-            .get("emissiveStrength", 1.0)
-        )
-        emission = np.asarray(material.emissiveFactor or [0.0] * 3, np.float64) * strength
-        if material.emissiveTexture is not None and emission.any():
-            glow = self._texture(material.emissiveTexture.index)
-            if glow >= 0:
-                emission = emission * average(self.textures[glow])
-        if not np.isfinite(emission).all() or (emission < 0).any():
-            raise BadInput(f"material {index} has a senseless emission", where=self.path)
-        return Material(
-            name=material.name or f"material {index}",
-            base_color=vec3(np.clip(np.asarray(factor, np.float64), 0.0, 1.0)),
-            emission=vec3(emission),
-            texture=-1 if info is None else self._texture(info.index),
-        )
-
-    def _texture(self, index: int) -> int:
-        textures = self.gltf.textures or []
-        if not isinstance(index, int) or not 0 <= index < len(textures):
-            raise BadInput(f"there is no texture {index!r}", where=self.path)
-        texture = textures[index]
-        webp = (texture.extensions or {}).get("EXT_texture_webp", {})
-        image = webp.get("source", texture.source)
-        if image is None:
-            self.found.ignored["textures without a readable source"] += 1
-            return -1
-        if image not in self.texture_of_image:
-            self.texture_of_image[image] = self._read_image(image)
-        return self.texture_of_image[image]
-
-    def _read_image(self, image: int) -> int:
-        named = self.buffers.image(image)
-        if named is None:
-            self.found.ignored["textures whose file is missing"] += 1
-            return -1
-        try:
-            self.textures.append(texture_from_bytes(*named))
-        except UnreadableImage:
-            self.found.ignored["textures that cannot be read"] += 1
-            return -1
-        return len(self.textures) - 1
 
     def _add_camera(self, index: int, world: Array) -> None:
         cameras = self.gltf.cameras or []

@@ -6,13 +6,13 @@ import base64
 import binascii
 from pathlib import Path
 from typing import Any, NoReturn
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 import numpy as np
 import pygltflib
 
 from gibench.errors import BadInput
-from gibench.scene.files import find_beside, read_bytes
+from gibench.scene.files import find_near, read_bytes
 from gibench.scene.readers.content import Array
 
 # glTF 2.0 specification, 3.6.2.2: accessor data types.
@@ -25,6 +25,15 @@ _DTYPES: dict[int, str] = {
     pygltflib.FLOAT: "<f4",
 }
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+def compressed(extension: str, path: Path) -> BadInput:
+    """What to say of a mesh that is only there compressed."""
+    return BadInput(
+        f"its meshes are compressed with {extension}, which gibench does not read",
+        where=path,
+        mend="export the file without it",
+    )
 
 
 class Buffers:
@@ -40,14 +49,21 @@ class Buffers:
         self._path = path
         self._loaded: dict[int, bytes] = {}
 
-    def accessor(self, index: int, width: int) -> Array:
-        """The numbers of accessor ``index`` as (count, width); normalised integers as floats.
+    def is_empty(self, index: int) -> bool:
+        """Whether accessor ``index`` has no data in the file."""
+        accessor = self._item(self._gltf.accessors, index, "accessor")
+        return accessor.bufferView is None and accessor.sparse is None
+
+    def accessor(self, index: int, *widths: int) -> Array:
+        """The numbers of accessor ``index`` as (count, width), its width one of ``widths``;
+        normalised integers as floats.
 
         Raises:
             BadInput: no such accessor, another width, or it reaches outside its buffer.
         """
         accessor = self._item(self._gltf.accessors, index, "accessor")
-        if _WIDTHS.get(accessor.type) != width or accessor.componentType not in _DTYPES:
+        width = _WIDTHS.get(accessor.type, 0)
+        if width not in widths or accessor.componentType not in _DTYPES:
             self._fail(f"accessor {index} is of type {accessor.type}/{accessor.componentType}")
         if not isinstance(accessor.count, int) or accessor.count < 0:
             self._fail(f"accessor {index} has count {accessor.count!r}")
@@ -72,7 +88,7 @@ class Buffers:
         uri = image.uri or ""
         if uri.startswith("data:"):
             return image.name or f"image {index}", self._data_uri(uri, f"image {index}")
-        file = find_beside(self._path.parent, unquote(uri))
+        file = self._file(uri)
         return None if file is None else (uri, read_bytes(file))
 
     def _with_sparse(self, values: Array, sparse: Any, dtype: np.dtype[Any]) -> Array:
@@ -124,6 +140,8 @@ class Buffers:
     def _read_buffer(self, index: int) -> bytes:
         buffer = self._item(self._gltf.buffers, index, "buffer")
         if buffer.uri is None:
+            if "EXT_meshopt_compression" in (buffer.extensions or {}):
+                raise compressed("EXT_meshopt_compression", self._path)
             blob = self._gltf.binary_blob() if index == 0 else None
             if blob is None:
                 self._fail(f"buffer {index} has neither a uri nor a binary chunk")
@@ -132,7 +150,7 @@ class Buffers:
             data = self._data_uri(buffer.uri, f"buffer {index}")
         else:
             name = unquote(buffer.uri)
-            file = find_beside(self._path.parent, name)
+            file = self._file(buffer.uri)
             if file is None:
                 raise BadInput(
                     f"buffer '{name}' is missing",
@@ -144,10 +162,17 @@ class Buffers:
             self._fail(f"buffer {index} has {len(data)} of its {buffer.byteLength} bytes")
         return data
 
+    def _file(self, uri: str) -> Path | None:
+        """The file of a relative URI, whose name people write with and without escapes."""
+        for name in (unquote(uri), uri):
+            if file := find_near((self._path.parent,), name):
+                return file
+        return None
+
     def _data_uri(self, uri: str, what: str) -> bytes:
         head, _, body = uri.partition(",")
         if not head.endswith(";base64"):
-            self._fail(f"the data URI of {what} is not base64")
+            return unquote_to_bytes(body)
         try:
             return base64.b64decode(unquote(body))
         except (binascii.Error, ValueError) as error:

@@ -1,41 +1,23 @@
-"""Wavefront OBJ with MTL materials.
+"""Wavefront OBJ (Wavefront, "Advanced Visualizer Manual", appendix B1: object files).
 
-The text is first put into the plain form that trimesh reads rightly: absolute indices (trimesh
-misreads negative ones), triangles (polygons as fans, which is exact for convex ones), and one
-``o`` per run of faces with the same group, material and kinds of index. Numbers and vertex
-splitting are then trimesh's work.
+Materials are read by ``mtl.py``. Three further numbers of a vertex are its colour (MeshLab's and
+ZBrush's convention), linear as Kd is.
 """
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import trimesh.exchange.obj as trimesh_obj
+from trimesh.visual.texture import unmerge_faces
 
-from gibench.arrays import Vec3
 from gibench.errors import BadInput
-from gibench.scene.files import find_beside, read_bytes
-from gibench.scene.model import (
-    BLACK,
-    Material,
-    Texture,
-)
-from gibench.scene.readers.content import Content, Part, counted, vec3
-from gibench.scene.readers.textures import (
-    UnreadableImage,
-    average,
-    texture_from_bytes,
-    texture_from_image,
-)
-
-# Kd of a face without a material, or of a material that names none. The MTL specification gives
-# no default; 0.8 is Material's own.
-DEFAULT_COLOR: Vec3 = Material("default").base_color
+from gibench.scene.readers.content import Array, Content, Part, counted
+from gibench.scene.readers.mtl import Library, read_libraries
+from gibench.scene.readers.polygons import cut, fan, fans_hold
+from gibench.scene.readers.text import argument, read_text, statements
 
 Corner = tuple[int, int, int]
 
@@ -50,13 +32,15 @@ class _RunKey(NamedTuple):
 
 
 @dataclass
-class _PlainObj:
-    """An OBJ file's text in plain form."""
+class _Plain:
+    """An OBJ file's numbers and faces; corners are (vertex, uv, normal), counted from 1."""
 
-    vertex_lines: list[str] = field(default_factory=list)
-    faces: dict[_RunKey, list[str]] = field(default_factory=dict)
+    numbers: dict[str, list[tuple[float, ...]]] = field(
+        default_factory=lambda: {"v": [], "vt": [], "vn": []}
+    )
+    colors: dict[int, tuple[float, ...]] = field(default_factory=dict)  # by vertex, from 0
+    faces: dict[_RunKey, list[list[Corner]]] = field(default_factory=dict)
     libraries: list[str] = field(default_factory=list)
-    counts: dict[str, int] = field(default_factory=lambda: {"v": 0, "vt": 0, "vn": 0})
     out_of_range: int = 0
     not_faces: int = 0
     ignored_lines: int = 0
@@ -65,77 +49,74 @@ class _PlainObj:
 def load_obj(path: Path) -> Content:
     """Read an OBJ file with its materials and textures.
 
-    ``o`` and ``g`` names make the objects. Kd is the albedo, times map_Kd; Ke is emitted radiance.
+    ``o`` and ``g`` names make the objects.
 
     Raises:
         BadInput: not a readable OBJ file, or one without faces.
     """
-    text = _text(path)
-    plain = _plain(text, path)
+    plain = _plain(read_text(path, "an OBJ text file"), path)
     if not plain.faces:
         what = "no triangles"
         if plain.out_of_range:
             what += f" ({counted(plain.out_of_range, 'face')} with an index out of range)"
         raise BadInput(what, where=path, mend="the file must hold faces ('f' lines)")
     runs = list(plain.faces)
-    geometry = _through_trimesh(plain, runs, path)
-    warnings: list[str] = []
-    materials, textures, numbers = _materials(runs, plain.libraries, path, warnings)
-    group_numbers = {group: i for i, group in enumerate(dict.fromkeys(run.group for run in runs))}
-    parts = tuple(
-        _part(geometry[str(i)], numbers[run.material], group_numbers[run.group])
-        for i, run in enumerate(runs)
+    crossing = 0
+    arrays = {key: np.array(rows, np.float64) for key, rows in plain.numbers.items()}
+    colors = _colors(plain, len(arrays["v"]))
+    library = read_libraries(
+        path.parent, plain.libraries, [run.material for run in runs], colors is not None
     )
+    group_numbers = {group: i for i, group in enumerate(dict.fromkeys(run.group for run in runs))}
+    parts = []
+    for run in runs:
+        triangles, crossed = _triangles(plain.faces[run], arrays["v"])
+        crossing += crossed
+        parts.append(_part(run, triangles, arrays, colors, library, group_numbers[run.group]))
+    return Content(
+        parts=tuple(parts),
+        materials=library.materials,
+        textures=library.textures,
+        object_names=tuple(group_numbers),
+        warnings=(*library.warnings, *_remarks(plain, crossing)),
+        maps=library.maps,
+    )
+
+
+def _remarks(plain: _Plain, crossing: int) -> list[str]:
+    said = []
     if plain.out_of_range:
-        warnings.append(f"{counted(plain.out_of_range, 'face')} with an index out of range dropped")
+        said.append(f"{counted(plain.out_of_range, 'face')} with an index out of range dropped")
     if plain.not_faces:
-        warnings.append(f"{counted(plain.not_faces, 'face')} with fewer than three corners dropped")
+        said.append(f"{counted(plain.not_faces, 'face')} with fewer than three corners dropped")
     if plain.ignored_lines:
-        warnings.append(
-            f"{counted(plain.ignored_lines, 'line')} of points, lines or curves ignored"
+        said.append(f"{counted(plain.ignored_lines, 'line')} of points, lines or curves ignored")
+    if crossing:
+        said.append(
+            f"{counted(crossing, 'polygon')} without an area, or crossing its own outline: taken "
+            "as a fan of triangles"
         )
-    names = tuple(group_numbers)
-    return Content(parts, materials, textures, object_names=names, warnings=tuple(warnings))
-
-
-def _text(path: Path) -> str:
-    data = read_bytes(path)
-    if b"\0" in data[:65536]:
-        raise BadInput("binary data, not an OBJ text file", where=path)
-    text = data.decode("utf-8", errors="replace")
-    return text.replace("\\\r\n", " ").replace("\\\n", " ")
+    return said
 
 
 _CURVES_AND_POINTS = {"p", "l", "curv", "curv2", "surf"}
 
 
-def _plain(text: str, path: Path) -> _PlainObj:
-    plain = _PlainObj()
-    counts = plain.counts
+def _plain(text: str, path: Path) -> _Plain:
+    plain = _Plain()
     group, material = "", ""
     seen: dict[str, Corner] = {}
     # Indices may point forwards, so the range is checked at the end.
     pending: list[tuple[_RunKey, list[Corner]]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition("#")[0].split()
-        if not words:
-            continue
-        keyword = words[0]
-        if keyword in counts:
-            wanted = 2 if keyword == "vt" else 3
-            if keyword == "vt" and len(words) == 2:  # a 1D texture coordinate
-                words.append("0")
-            if len(words) <= wanted:
-                raise BadInput(
-                    f"line {number}: '{keyword}' with {counted(len(words) - 1, 'number')}",
-                    where=path,
-                    mend=f"it takes {wanted}",
-                )
-            plain.vertex_lines.append(" ".join(words[: wanted + 1]))
-            counts[keyword] += 1
+    for number, statement in statements(text):
+        keyword = statement.split(None, 1)[0]
+        if keyword in plain.numbers:
+            words = statement.partition("#")[0].split()
+            _read_numbers(plain, keyword, words[1:], number, path)
         elif keyword == "f":
+            words = statement.partition("#")[0].split()
             try:
-                corners = [seen.get(word) or _corner(word, counts, seen) for word in words[1:]]
+                corners = [seen.get(w) or _corner(w, plain.numbers, seen) for w in words[1:]]
             except ValueError as error:
                 raise BadInput(f"line {number}: face index '{error}'", where=path) from error
             if len(corners) < 3:
@@ -149,24 +130,64 @@ def _plain(text: str, path: Path) -> _PlainObj:
             )
             pending.append((key, corners))
         elif keyword in ("o", "g"):
-            group = " ".join(words[1:])
+            group = " ".join(argument(statement).split())
         elif keyword == "usemtl":
-            material = " ".join(words[1:])
+            material = " ".join(argument(statement).split())
         elif keyword == "mtllib":
-            plain.libraries.append(line.split("mtllib", 1)[1].strip())
+            plain.libraries.append(argument(statement))
         elif keyword in _CURVES_AND_POINTS:
             plain.ignored_lines += 1
-    _write_faces(plain, pending)
+    for key, corners in pending:
+        if _inside(key, corners, plain):
+            plain.faces.setdefault(key, []).append(corners)
+        else:
+            plain.out_of_range += 1
     return plain
 
 
-def _corner(word: str, counts: dict[str, int], seen: dict[str, Corner]) -> Corner:
+def _read_numbers(plain: _Plain, keyword: str, words: list[str], number: int, path: Path) -> None:
+    """One ``v``, ``vt`` or ``vn``."""
+    wanted = 2 if keyword == "vt" else 3
+    try:
+        values = tuple([float(word) for word in words])
+    except ValueError as error:
+        wrong = next(word for word in words if not _is_number(word))
+        raise BadInput(
+            f"not a sound OBJ file: line {number}: '{wrong}' is no number",
+            where=path,
+            mend="write numbers with a point, not a comma" if "," in wrong else None,
+        ) from error
+    if keyword == "vt" and len(values) == 1:  # a 1D texture coordinate
+        values = (*values, 0.0)
+    if len(values) < wanted:
+        raise BadInput(
+            f"line {number}: '{keyword}' with {counted(len(values), 'number')}",
+            where=path,
+            mend=f"it takes {wanted}",
+        )
+    rows = plain.numbers[keyword]
+    if keyword == "v" and len(values) >= 6:
+        plain.colors[len(rows)] = values[-3:]
+    rows.append(values[:wanted])
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _corner(
+    word: str, numbers: dict[str, list[tuple[float, ...]]], seen: dict[str, Corner]
+) -> Corner:
     """Absolute 1-based (vertex, uv, normal) of ``1/2/3``; 0 stands for none, -1 for outside.
 
     What does not depend on the place in the file is noted in ``seen``: most corners recur.
     """
     indices = [0, 0, 0]
-    for i, (digits, keyword) in enumerate(zip(word.split("/"), counts, strict=False)):
+    for i, (digits, rows) in enumerate(zip(word.split("/"), numbers.values(), strict=False)):
         if not digits:
             continue
         try:
@@ -174,7 +195,7 @@ def _corner(word: str, counts: dict[str, int], seen: dict[str, Corner]) -> Corne
         except ValueError as error:
             raise ValueError(word) from error
         if index < 0:
-            index = max(counts[keyword] + 1 + index, -1) or -1
+            index = max(len(rows) + 1 + index, -1) or -1
         elif index == 0:
             index = -1  # OBJ counts from 1
         indices[i] = index
@@ -186,189 +207,78 @@ def _corner(word: str, counts: dict[str, int], seen: dict[str, Corner]) -> Corne
     return corner
 
 
-def _write_faces(plain: _PlainObj, pending: list[tuple[_RunKey, list[Corner]]]) -> None:
-    # One cache of corner texts for each kind of face, as most corners recur.
-    caches: dict[tuple[bool, bool], dict[Corner, str]] = {}
-    for key, corners in pending:
-        cache = caches.setdefault((key.has_uv, key.has_normal), {})
-        words = []
-        for corner in corners:
-            word = cache.get(corner)
-            if word is None:
-                word = cache[corner] = _corner_text(corner, key, plain.counts)
-            words.append(word)
-        if "" in words:
-            plain.out_of_range += 1
-            continue
-        lines = plain.faces.setdefault(key, [])
-        for second, third in pairwise(words[1:]):
-            lines.append(f"f {words[0]} {second} {third}")
-
-
-def _corner_text(corner: Corner, key: _RunKey, counts: dict[str, int]) -> str:
-    """The corner in OBJ's writing, without the indices its run does not use; '' outside."""
+def _inside(key: _RunKey, corners: list[Corner], plain: _Plain) -> bool:
     used = (True, key.has_uv, key.has_normal)
-    for index, is_used, count in zip(corner, used, counts.values(), strict=True):
-        if is_used and not 0 < index <= count:
-            return ""
-    v, t, n = corner
-    if key.has_uv:
-        return f"{v}/{t}/{n}" if key.has_normal else f"{v}/{t}"
-    return f"{v}//{n}" if key.has_normal else str(v)
-
-
-def _through_trimesh(
-    plain: _PlainObj, runs: list[_RunKey], path: Path
-) -> dict[str, dict[str, Any]]:
-    lines = list(plain.vertex_lines)
-    for i, run in enumerate(runs):
-        lines.append(f"o {i}")
-        lines += plain.faces[run]
-    try:
-        kwargs = trimesh_obj.load_obj(
-            io.StringIO("\n".join(lines)),
-            skip_materials=True,
-            group_material=False,
-            split_objects=True,
-        )
-    except (ValueError, IndexError, DeprecationWarning) as error:
-        raise BadInput(f"not a sound OBJ file ({error})", where=path) from error
-    geometry: dict[str, dict[str, Any]] = kwargs["geometry"]
-    return geometry
-
-
-def _part(mesh: dict[str, Any], material: int, object_id: int) -> Part:
-    visual = mesh.get("visual")
-    return Part(
-        positions=np.asarray(mesh["vertices"]),
-        triangles=np.asarray(mesh["faces"], np.int64),
-        material=material,
-        object_id=object_id,
-        normals=mesh.get("vertex_normals"),
-        uvs=None if visual is None else visual.uv,
-    )
-
-
-class _Images:
-    """trimesh's resolver for an MTL file: keeps the bytes and notes what was missing."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.missing: list[str] = []
-
-    def get(self, name: str) -> bytes:
-        """The content of an image file named by a ``map_`` statement, which may carry options."""
-        found = find_beside(self.folder, _without_options(name))
-        if found is None:
-            self.missing.append(_without_options(name))
-            raise FileNotFoundError(name)
-        return found.read_bytes()
-
-
-# Options of texture maps in MTL and how many arguments each takes at most (Wavefront MTL
-# specification); -o, -s and -t take one to three numbers.
-_MAP_OPTIONS = {
-    "-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1,
-    "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
-}  # fmt: skip
-
-
-def _without_options(statement: str) -> str:
-    """The file name at the end of a ``map_`` statement; it may hold spaces."""
-    rest = statement.strip()
-    while (option := rest.partition(" ")[0]) in _MAP_OPTIONS:
-        rest = rest.partition(" ")[2].strip()
-        for i in range(_MAP_OPTIONS[option]):
-            argument, _, after = rest.partition(" ")
-            if i > 0 and not _is_number(argument):
-                break
-            rest = after.strip()
-    return rest
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
+    for place, rows in enumerate(plain.numbers.values()):
+        if used[place] and not all(0 < corner[place] <= len(rows) for corner in corners):
+            return False
     return True
 
 
-def _materials(
-    runs: list[_RunKey], libraries: list[str], path: Path, warnings: list[str]
-) -> tuple[tuple[Material, ...], tuple[Texture, ...], dict[str, int]]:
-    """The used materials, their textures, and each material's number by name."""
-    images = _Images(path.parent)
-    found: dict[str, dict[str, Any]] = {}
-    for library in dict.fromkeys(libraries):
-        file = find_beside(path.parent, library)
-        if file is None:
-            warnings.append(f"material file '{library}' not found: default colours used")
-            continue
-        text = read_bytes(file).decode("utf-8", errors="replace")
-        plain = "\n".join(line.partition("#")[0] for line in text.splitlines())
-        try:
-            found.update(trimesh_obj.parse_mtl(plain, resolver=images))
-        except (ValueError, TypeError, KeyError, IndexError) as error:
-            warnings.append(f"material file '{library}' is not sound ({error}): not used")
-    names = list(dict.fromkeys(run.material for run in runs))
-    if unknown := [name for name in names if name and name not in found]:
-        warnings.append(
-            f"{counted(len(unknown), 'material')} not defined ({', '.join(unknown[:3])}): "
-            "default colours used"
+def _colors(plain: _Plain, vertices: int) -> Array | None:
+    """(v, 3) colours where the file has any; white where a vertex has none."""
+    if not plain.colors:
+        return None
+    colors = np.ones((vertices, 3))
+    colors[list(plain.colors)] = list(plain.colors.values())
+    return np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0)
+
+
+def _triangles(faces: list[list[Corner]], vertices: Array) -> tuple[Array, int]:
+    """Corners (t, 3, 3) of the triangles of ``faces`` in their order, and how many cross
+    themselves.
+    """
+    crossing = 0
+    sizes = np.array([len(face) for face in faces])
+    pieces: list[Array] = [np.empty((0, 3, 3), np.int64)] * len(faces)
+    for size in np.unique(sizes).tolist():
+        mine = np.flatnonzero(sizes == size)
+        corners = np.array([faces[i] for i in mine], np.int64)
+        fanned = corners[:, fan(size)]
+        if size > 3:
+            with np.errstate(all="ignore"):
+                points = vertices[corners[:, :, 0] - 1]
+                holds = fans_hold(points)
+        for row, i in enumerate(mine):
+            pieces[i] = fanned[row]
+            if size > 3 and not holds[row]:
+                order, simple = cut(points[row])
+                pieces[i] = corners[row][order]
+                crossing += not simple
+    return np.concatenate(pieces), crossing
+
+
+def _part(
+    run: _RunKey,
+    corners: Array,
+    arrays: dict[str, Array],
+    colors: Array | None,
+    library: Library,
+    object_id: int,
+) -> Part:
+    """A vertex for each combination of indices that the run uses."""
+    v, t, n = (np.ascontiguousarray(corners[:, :, i]) - 1 for i in range(3))
+    masks: dict[str, Array] = {}
+    used = [name for name, has in (("vt", run.has_uv), ("vn", run.has_normal)) if has]
+    if used:
+        kinds = {"vt": t, "vn": n}
+        faces, masks["v"], *others = unmerge_faces(
+            v, *(kinds[name] for name in used), maintain_faces=False
         )
-    textures: dict[str, Texture] = {}
-    materials = [_material(name, found.get(name, {}), images, textures) for name in names]
-    if images.missing:
-        missing = list(dict.fromkeys(images.missing))
-        warnings.append(
-            f"{counted(len(missing), 'texture')} missing or unreadable ({', '.join(missing[:3])}): "
-            "plain colours used"
-        )
-    masked = sum("map_d" in found.get(name, {}) for name in names)
-    if masked:
-        warnings.append(f"alpha masks of {counted(masked, 'material')} ignored: drawn opaque")
-    return tuple(materials), tuple(textures.values()), {name: i for i, name in enumerate(names)}
-
-
-def _material(
-    name: str, entries: dict[str, Any], images: _Images, textures: dict[str, Texture]
-) -> Material:
-    texture = -1
-    image = entries.get("image")
-    if image is not None:
-        file = image.info["file_path"]
-        try:
-            if file not in textures:
-                textures[file] = texture_from_image(_without_options(file), image)
-            texture = list(textures).index(file)
-        except UnreadableImage:
-            images.missing.append(_without_options(file))
-    emission = _color(entries.get("ke"), BLACK)
-    if any(emission) and "map_ke" in entries:
-        statement = " ".join(entries["map_ke"])
-        try:
-            glow = average(texture_from_bytes(statement, images.get(statement)))
-            emission = vec3(np.multiply(emission, glow))
-        except (OSError, UnreadableImage):
-            images.missing.append(_without_options(statement))
-    # With a texture but no Kd, the texture is the albedo; with Kd 0 the exporter has left it to
-    # the texture as well.
-    color = _color(entries.get("kd"), (1.0, 1.0, 1.0) if texture >= 0 else DEFAULT_COLOR)
-    if texture >= 0 and not any(color):
-        color = (1.0, 1.0, 1.0)
-    albedo = vec3(np.clip(color, 0.0, 1.0))
-    return Material(name or "default", albedo, emission, texture)
-
-
-def _color(values: Any, default: Vec3) -> Vec3:
-    """A colour of one or three numbers; the default where there is none."""
-    try:
-        numbers = np.asarray(values, np.float64).ravel()
-    except (ValueError, TypeError):
-        return default
-    if numbers.size == 1:
-        numbers = np.repeat(numbers, 3)
-    if numbers.size < 3 or not np.isfinite(numbers).all() or (numbers < 0).any():
-        return default
-    return vec3(numbers[:3])
+        masks |= dict(zip(used, others, strict=True))
+    else:
+        masks["v"], faces = np.unique(v, return_inverse=True)
+        faces = faces.reshape(v.shape)
+    number = library.numbers[run.material]
+    uvs = arrays["vt"][masks["vt"]] if run.has_uv else None
+    return Part(
+        positions=arrays["v"][masks["v"]],
+        triangles=np.asarray(faces, np.int64),
+        material=number,
+        object_id=object_id,
+        normals=arrays["vn"][masks["vn"]] if run.has_normal else None,
+        uvs=library.uvs_of(number, "map_kd", uvs),
+        emission_uvs=library.uvs_of(number, "map_ke", uvs),
+        opacity_uvs=library.uvs_of(number, "map_d", uvs),
+        colors=None if colors is None else colors[masks["v"]],
+    )

@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from gibench.arrays import Floats
+from gibench.arrays import Vec3
 from gibench.errors import BadInput
 from gibench.progress import progress
-from gibench.scene.defaults import scene_of
 from gibench.scene.files import find_beside, read_bytes
 from gibench.scene.model import (
     BLACK,
@@ -35,10 +34,11 @@ from gibench.scene.model import (
 )
 from gibench.scene.motion.file import read_motions
 from gibench.scene.motion.poses import turn_about
-from gibench.scene.readers.clean import clean
+from gibench.scene.readers.assemble import assembled
 from gibench.scene.readers.content import Array, Content, Part, join_contents, unit
 from gibench.scene.readers.environment_image import load_environment
 from gibench.scene.readers.mesh import read_mesh
+from gibench.scene.readers.recentre import motions_from_file, points_from_file
 from gibench.scene.readers.shapes import SHAPES
 from gibench.scene.readers.textures import UnreadableImage, texture_from_bytes
 from gibench.scene.toml_table import Table
@@ -125,21 +125,25 @@ def scene_from_toml(text: str, *, where: object, folder: Path) -> Scene:
         cameras=tuple(cameras) or content.cameras,
     )
     name = top.text("name", default=Path(str(where)).stem)
-    scene = scene_of(name, clean(content, where), content)
+    scene = assembled(name, content, where)
     if "environment" in top:
         environment = read_environment(entries["environment"], where=where, folder=folder)
         # With an environment of its own the scene is lit: no sun is added to it.
-        scene = replace(scene, environment=environment, lights=content.lights)
+        scene = replace(
+            scene, environment=environment, lights=scene.lights if content.lights else ()
+        )
     scene = replace(scene, receivers=top.whole("receivers", scene.receivers, low=1))
     regions = [
         read_region(entry, label=f"[[region]] {i}", where=where)
         for i, entry in enumerate(_tables(top, "region"), 1)
     ]
-    motions = read_motions(entries.get("motion", []), where)
+    motions = motions_from_file(read_motions(entries.get("motion", []), where), scene)
     scene = replace(scene, regions=tuple(regions), motions=motions)
     if "probes" in top:
         probes = _probes(
-            Table(entries["probes"], "[probes]", where, ("count", "positions")), folder
+            Table(entries["probes"], "[probes]", where, ("count", "positions")),
+            folder,
+            scene.origin,
         )
         scene = replace(scene, probes=probes or scene.probes)
     return scene
@@ -268,6 +272,11 @@ def _overridden(
 ) -> Content:
     """The content with the table's base_color, emission and texture on all its materials."""
     materials, textures = content.materials, content.textures
+    if "texture" in table or "base_color" in table:
+        parts = tuple(replace(part, colors=None) for part in content.parts)
+        content = replace(content, parts=parts)
+    if "emission" in table:
+        content = replace(content, maps=tuple(replace(m, emission=None) for m in content.maps))
     if "texture" in table:
         path = _beside(table, "texture", folder)
         try:
@@ -331,7 +340,7 @@ def _camera(table: Table, number: int) -> Camera:
     return camera
 
 
-def _probes(table: Table, folder: Path) -> ProbeSettings | None:
+def _probes(table: Table, folder: Path, origin: Vec3) -> ProbeSettings | None:
     if "positions" not in table:
         return ProbeSettings(table.whole("count", low=1)) if "count" in table else None
     value = table.entries["positions"]
@@ -339,7 +348,7 @@ def _probes(table: Table, folder: Path) -> ProbeSettings | None:
         positions = _positions_from_file(_beside(table, "positions", folder))
     else:
         try:
-            positions = np.asarray(value, np.float32)
+            positions = np.asarray(value, np.float64)
         except (ValueError, TypeError):
             table.fail("positions", "give a list of [x, y, z], or a .npy or .csv file")
     if positions.ndim != 2 or positions.shape[1] != 3 or not len(positions):
@@ -352,18 +361,19 @@ def _probes(table: Table, folder: Path) -> ProbeSettings | None:
         raise BadInput(f"'positions' in {table.label} holds NaN or infinity", where=table.where)
     if "count" in table and table.whole("count", low=1) != len(positions):
         table.fail("count", f"leave it out or make it {len(positions)}, as there are positions")
-    return ProbeSettings(len(positions), positions)
+    moved = points_from_file(positions, origin) if any(origin) else positions
+    return ProbeSettings(len(positions), moved.astype(np.float32))
 
 
-def _positions_from_file(path: Path) -> Floats:
+def _positions_from_file(path: Path) -> Array:
     try:
         if path.suffix.lower() == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False), np.float32)
+            return np.asarray(np.load(path, allow_pickle=False), np.float64)
         text = read_bytes(path).decode("utf-8").replace(",", " ")
         rows = [line.split() for line in text.splitlines() if line.strip()]
         if rows and not _numeric(rows[0]):  # a heading
             rows = rows[1:]
-        return np.asarray(rows, np.float32)
+        return np.asarray(rows, np.float64)
     except (ValueError, OSError, EOFError, TypeError) as error:
         raise BadInput(f"not probe positions ({error})", where=path) from error
 

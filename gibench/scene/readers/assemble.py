@@ -1,0 +1,28 @@
+"""From what a reader found to a Scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gibench.scene.defaults import scene_of
+from gibench.scene.model import Scene
+from gibench.scene.readers.clean import clean
+from gibench.scene.readers.content import Content
+from gibench.scene.readers.realise import realised
+from gibench.scene.readers.recentre import recentred
+
+
+def assembled(name: str, content: Content, where: object) -> Scene:
+    """The scene of ``content``, with defaults for what it lacks.
+
+    Args:
+        name: of the scene.
+        content: what was read.
+        where: the file, for messages.
+
+    Raises:
+        BadInput: no usable triangle is left.
+    """
+    content, origin = recentred(realised(content))
+    scene = scene_of(name, clean(content, where), content)
+    return replace(scene, origin=origin) if any(origin) else scene

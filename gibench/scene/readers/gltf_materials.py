@@ -1,0 +1,230 @@
+"""Materials and textures of a glTF 2.0 file.
+
+Base colour is the albedo whatever the metalness: all surfaces are diffuse. The diffuse colour of
+KHR_materials_pbrSpecularGlossiness is the albedo in its place, as it was for the file's author.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pygltflib
+
+from gibench.errors import BadInput
+from gibench.scene.model import Material, Texture
+from gibench.scene.readers.content import Array, Maps, vec3
+from gibench.scene.readers.gltf_buffers import Buffers
+from gibench.scene.readers.gltf_formulas import uv_matrix
+from gibench.scene.readers.textures import (
+    UnreadableImage,
+    alpha_from_bytes,
+    texture_from_bytes,
+)
+
+
+@dataclass(frozen=True)
+class Slot:
+    """Where a texture slot takes its coordinates from.
+
+    Attributes:
+        uv_set: n of TEXCOORD_n.
+        matrix: (3, 3) transform in glTF's coordinates (v downwards).
+    """
+
+    uv_set: int
+    matrix: Array
+
+
+@dataclass(frozen=True)
+class Uses:
+    """What a primitive takes of its material.
+
+    Attributes:
+        material: its number.
+        slots: by name, "color" and "emission".
+    """
+
+    material: int
+    slots: dict[str, Slot]
+
+
+class Materials:
+    """The materials of one file being read.
+
+    Args:
+        gltf: the parsed file.
+        buffers: of it.
+        path: of it, for messages.
+        ignored: where to count what is not used.
+    """
+
+    def __init__(
+        self, gltf: pygltflib.GLTF2, buffers: Buffers, path: Path, ignored: Counter[str]
+    ) -> None:
+        self._entries = list(gltf.materials or [])
+        self._gltf = gltf
+        self._buffers = buffers
+        self._path = path
+        self._ignored = ignored
+        self.textures: list[Texture] = []
+        self._texture_of_image: dict[int, int] = {}
+
+    def read(self) -> tuple[list[Material], list[Maps]]:
+        """All materials of the file and, last, that of primitives without one."""
+        both = [self._material(entry, index) for index, entry in enumerate(self._entries)]
+        both.append((Material("default"), Maps()))
+        return [material for material, _ in both], [maps for _, maps in both]
+
+    def uses(self, index: Any) -> Uses:
+        """What primitives of material ``index`` take.
+
+        Raises:
+            BadInput: there is no such material.
+        """
+        if index is None:
+            return Uses(len(self._entries), {name: _slot(None) for name in ("color", "emission")})
+        if not isinstance(index, int) or not 0 <= index < len(self._entries):
+            raise BadInput(f"there is no material {index}", where=self._path)
+        entry = self._entries[index]
+        slots = {"color": _slot(self._color(entry)[1]), "emission": _slot(entry.emissiveTexture)}
+        return Uses(index, slots)
+
+    def _material(self, entry: Any, index: int) -> tuple[Material, Maps]:
+        extensions = entry.extensions or {}
+        factor, info = self._color(entry)
+        strength = extensions.get("KHR_materials_emissive_strength", {}).get(
+            "emissiveStrength", 1.0
+        )
+        emission = np.asarray(entry.emissiveFactor or [0.0] * 3, np.float64) * strength
+        if emission.shape != (3,) or not np.isfinite(emission).all() or (emission < 0).any():
+            raise BadInput(f"material {index} has a senseless emission", where=self._path)
+        glow = None
+        if entry.emissiveTexture is not None and emission.any():
+            glow = self._decoded(_index(entry.emissiveTexture), texture_from_bytes)
+        mode = entry.alphaMode or "OPAQUE"
+        if mode not in ("OPAQUE", "MASK", "BLEND"):
+            self._ignored[f"alphaMode {mode!r}"] += 1
+            mode = "OPAQUE"
+        alpha = None
+        if mode == "BLEND" and info is not None:
+            alpha = self._decoded(_index(info), alpha_from_bytes)
+        transmission = extensions.get("KHR_materials_transmission", {})
+        pbr = entry.pbrMetallicRoughness
+        gloss = extensions.get("KHR_materials_pbrSpecularGlossiness")
+        rough = None if pbr is None else pbr.metallicRoughnessTexture
+        material = Material(
+            name=str(entry.name or f"material {index}"),
+            base_color=vec3(np.clip(np.nan_to_num(factor[:3], nan=1.0), 0.0, 1.0)),
+            emission=vec3(emission),
+            texture=-1 if info is None else self._texture(_index(info)),
+            emission_map="" if glow is None else glow.name,
+            alpha_mode=mode.lower(),
+            alpha_cutoff=float(0.5 if entry.alphaCutoff is None else entry.alphaCutoff),
+            opacity=float(factor[3]) if mode != "OPAQUE" and len(factor) > 3 else 1.0,
+            opacity_map="" if mode == "OPAQUE" or info is None else self._name(_index(info)),
+            transmission=float(transmission.get("transmissionFactor", 0.0)),
+            two_sided=bool(entry.doubleSided),
+            roughness=_roughness(pbr, gloss),
+            metalness=0.0 if pbr is None or gloss else float(_or(pbr.metallicFactor, 1.0)),
+            roughness_map="" if rough is None else self._name(_index(rough)),
+            normal_map=(
+                "" if entry.normalTexture is None else self._name(_index(entry.normalTexture))
+            ),
+            unlit="KHR_materials_unlit" in extensions,
+        )
+        return material, Maps(emission=glow, opacity=alpha)
+
+    def _color(self, entry: Any) -> tuple[Array, Any]:
+        """Factor (4,) and texture slot of the albedo."""
+        gloss = (entry.extensions or {}).get("KHR_materials_pbrSpecularGlossiness")
+        pbr = entry.pbrMetallicRoughness
+        if gloss is not None:
+            factor, info = gloss.get("diffuseFactor"), gloss.get("diffuseTexture")
+        elif pbr is not None:
+            factor, info = pbr.baseColorFactor, pbr.baseColorTexture
+        else:
+            factor, info = None, None
+        values = np.asarray([1.0] * 4 if factor is None else factor, np.float64)
+        if values.ndim != 1 or len(values) < 3:
+            raise ValueError(f"colour {factor!r}")
+        return values, info
+
+    def _texture(self, index: Any) -> int:
+        """The place in ``textures`` of the image of texture ``index``, or -1."""
+        image = self._image_of(index)
+        if image is None:
+            self._ignored["textures without a readable source"] += 1
+            return -1
+        if image not in self._texture_of_image:
+            texture = self._decode(image, texture_from_bytes)
+            self._texture_of_image[image] = -1 if texture is None else len(self.textures)
+            if texture is not None:
+                self.textures.append(texture)
+        return self._texture_of_image[image]
+
+    def _decoded(
+        self, index: Any, decode: Callable[[str, bytes], Texture | None]
+    ) -> Texture | None:
+        image = self._image_of(index)
+        if image is None:
+            self._ignored["textures without a readable source"] += 1
+            return None
+        return self._decode(image, decode)
+
+    def _decode(self, image: int, decode: Callable[[str, bytes], Texture | None]) -> Texture | None:
+        named = self._buffers.image(image)
+        if named is None:
+            self._ignored["textures whose file is missing"] += 1
+            return None
+        try:
+            return decode(*named)
+        except UnreadableImage:
+            self._ignored["textures that cannot be read"] += 1
+            return None
+
+    def _image_of(self, index: Any) -> int | None:
+        textures = self._gltf.textures or []
+        if not isinstance(index, int) or not 0 <= index < len(textures):
+            raise BadInput(f"there is no texture {index!r}", where=self._path)
+        webp = (textures[index].extensions or {}).get("EXT_texture_webp", {})
+        source: int | None = webp.get("source", textures[index].source)
+        return source
+
+    def _name(self, index: Any) -> str:
+        """What to call the image of texture ``index``."""
+        image, images = self._image_of(index), self._gltf.images or []
+        if image is None or not isinstance(image, int) or not 0 <= image < len(images):
+            return "image"
+        uri = str(images[image].uri or "")
+        return str(images[image].name or ("" if uri.startswith("data:") else uri)) or "image"
+
+
+def _index(info: Any) -> Any:
+    """The texture of a slot; pygltflib leaves those within extensions as dictionaries."""
+    return info.get("index") if isinstance(info, dict) else info.index
+
+
+def _slot(info: Any) -> Slot:
+    if info is None:
+        return Slot(0, np.eye(3))
+    if isinstance(info, dict):
+        extensions, uv_set = info.get("extensions") or {}, info.get("texCoord")
+    else:
+        extensions, uv_set = info.extensions or {}, info.texCoord
+    transform = extensions.get("KHR_texture_transform", {})
+    return Slot(int(transform.get("texCoord", uv_set or 0)), uv_matrix(transform))
+
+
+def _or(value: Any, default: float) -> Any:
+    return default if value is None else value
+
+
+def _roughness(pbr: Any, gloss: Any) -> float:
+    if gloss is not None:
+        return 1.0 - float(gloss.get("glossinessFactor", 1.0))
+    return 1.0 if pbr is None else float(_or(pbr.roughnessFactor, 1.0))

@@ -1,0 +1,311 @@
+"""What materials say beyond a constant emission and an opaque colour, turned into that.
+
+Kernels and the path-traced truth know surfaces of one emission and one albedo (times an image).
+The rules, each applied to all meshes at load, and said in a warning where light may differ from
+what the file's author saw:
+
+- *Emission from an image*: every triangle emits the mean over the texels that it covers.
+- *Colours of vertices*: interpolated over the triangle exactly, through an image of four texels a
+  triangle; where the material has an image already, the triangle's mean colour tints it.
+- *Opacity* (glTF's BLEND, MTL's d and Tr) *and transmission*: a part (the triangles of one object
+  with one material) that lets more light through than it stops is left out; any other is opaque.
+  What glows is never left out.
+- *Cut-outs* (glTF's MASK, MTL's map_d): opaque.
+- *Unlit*: lit as any other surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from gibench.scene.lightmap.albedo import mean_texture
+from gibench.scene.model import Material, Texture
+from gibench.scene.readers.content import Array, Content, Part, counted, vec3
+
+# Emissions and tints that differ by less than this share are one material.
+TINT_STEP = 1.0 / 1024
+# Triangles are cut along each side into so many equal parts before images are averaged over them.
+PIECES = 4
+
+
+def realised(content: Content) -> Content:
+    """The content with only what kernels know: see the module's rules."""
+    table = _Table(content)
+    notes: list[str] = []
+    parts = _without_the_see_through(content, notes)
+    parts = [_glowing(part, content, table) for part in parts]
+    parts = table.in_place(_coloured(parts, table, notes))
+    used = {number for part in parts for number in _numbers(part)}
+    notes += _remarks([table.materials[number] for number in sorted(used)])
+    return replace(
+        content,
+        parts=tuple(parts),
+        materials=tuple(table.materials),
+        textures=tuple(table.textures),
+        warnings=(*content.warnings, *notes),
+        maps=(),
+    )
+
+
+class _Table:
+    """The materials and textures, growing."""
+
+    def __init__(self, content: Content) -> None:
+        self.materials = list(content.materials)
+        self.textures = list(content.textures)
+        self._numbers: dict[tuple[int, Material], int] = {}
+
+    def number(self, original: int, material: Material) -> int:
+        """The number of a variant of material ``original``."""
+        key = original, material
+        if key not in self._numbers:
+            self._numbers[key] = len(self.materials)
+            self.materials.append(material)
+        return self._numbers[key]
+
+    def in_place(self, parts: list[Part]) -> list[Part]:
+        """The parts with every material that has become one other one in its old place."""
+        variants: dict[int, list[int]] = {}
+        for (original, _), number in self._numbers.items():
+            variants.setdefault(original, []).append(number)
+        used = {number for part in parts for number in _numbers(part)}
+        place = np.arange(len(self.materials))
+        for original, numbers in variants.items():
+            living = [number for number in numbers if number in used]
+            if original not in used and len(living) == 1:
+                place[living[0]] = original
+                self.materials[original] = self.materials[living[0]]
+        return [
+            part if part.materials is None else replace(part, materials=place[part.materials])
+            for part in parts
+        ]
+
+
+def _numbers(part: Part) -> list[int]:
+    if not len(part.triangles):
+        return []
+    return [part.material] if part.materials is None else np.unique(part.materials).tolist()
+
+
+def _of_corners(part: Part, values: Array) -> Array:
+    """Rows of ``values`` (v, k) at the corners, (t, 3, k); indices out of range count as 0."""
+    outside = (part.triangles < 0) | (part.triangles >= len(part.positions))
+    found = values[np.where(outside, 0, part.triangles)].astype(np.float64)
+    return np.asarray(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0))
+
+
+def _means(part: Part, image: Texture, uvs: Array | None) -> Array:
+    """Mean (t, 3) of an image over each triangle; over all of it without coordinates."""
+    if uvs is None or not len(uvs):
+        whole = image.pixels.reshape(-1, 3).mean(axis=0, dtype=np.float64)
+        return np.tile(whole, (len(part.triangles), 1))
+    corners = _of_corners(part, uvs)
+    pieces = [mean_texture(image.pixels, piece) for piece in _pieces(corners)]
+    return np.asarray(sum(pieces) / len(pieces))
+
+
+def _pieces(corners: Array) -> Iterator[Array]:
+    """The equal parts of triangles (t, 3, 2), each (t, 3, 2)."""
+    for i in range(PIECES):
+        for j in range(PIECES - i):
+            low = np.array([(i, j), (i + 1, j), (i, j + 1)]) / PIECES
+            yield _placed(corners, low)
+            if i + j < PIECES - 1:
+                yield _placed(corners, np.array([(i + 1, j + 1), (i, j + 1), (i + 1, j)]) / PIECES)
+
+
+def _placed(corners: Array, places: Array) -> Array:
+    sides = corners[:, 1:] - corners[:, :1]
+    return np.asarray(corners[:, :1] + np.einsum("ps,tsx->tpx", places, sides))
+
+
+def _without_the_see_through(content: Content, notes: list[str]) -> list[Part]:
+    stays = [_opacity(part, content) >= 0.5 for part in content.parts]
+    if all(stays):
+        return list(content.parts)
+    out = [part for part, stay in zip(content.parts, stays, strict=True) if not stay]
+    names = list(dict.fromkeys(content.materials[part.material].name for part in out))
+    told = ", ".join(names[:3])
+    kept = [part for part, stay in zip(content.parts, stays, strict=True) if stay]
+    if not any(len(part.triangles) for part in kept):
+        notes.append(f"everything is see-through ({told}): drawn opaque")
+        return list(content.parts)
+    count = sum(len(part.triangles) for part in out)
+    notes.append(
+        f"{counted(count, 'triangle')} of surfaces that let more light through than they stop left "
+        f"out ({told})"
+    )
+    return kept
+
+
+def _opacity(part: Part, content: Content) -> float:
+    """The share of light that a part stops, the mean over its area."""
+    material, image = content.materials[part.material], content.map_of(part.material).opacity
+    if any(material.emission) or not len(part.triangles):
+        return 1.0
+    opacity = material.opacity if material.alpha_mode == "blend" else 1.0
+    if image is not None and material.alpha_mode == "blend":
+        uvs = part.uvs if part.opacity_uvs is None else part.opacity_uvs
+        corners = _of_corners(part, part.positions)
+        with np.errstate(all="ignore"):
+            sides = corners[:, 1:] - corners[:, :1]
+            areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+        areas = np.where(np.isfinite(areas), areas, 0.0)
+        if areas.sum() > 0:
+            opacity *= float(np.average(_means(part, image, uvs)[:, 0], weights=areas))
+    return opacity * (1.0 - material.transmission)
+
+
+def _glowing(part: Part, content: Content, table: _Table) -> Part:
+    """The part with each triangle's mean of its emission's image."""
+    material, image = content.materials[part.material], content.map_of(part.material).emission
+    if image is None or not any(material.emission) or not len(part.triangles):
+        return part
+    uvs = part.uvs if part.emission_uvs is None else part.emission_uvs
+    means, which = _grouped(_means(part, image, uvs))
+    emissions = [vec3(np.multiply(material.emission, mean)) for mean in means]
+    numbers = [
+        table.number(part.material, replace(material, emission=emission)) for emission in emissions
+    ]
+    return replace(part, materials=np.asarray(numbers, np.int64)[which])
+
+
+def _grouped(values: Array) -> tuple[Array, Array]:
+    """Means of rows that are alike up to ``TINT_STEP`` of the largest, and each row's group."""
+    largest = float(values.max(initial=0.0)) or 1.0
+    steps = np.round(values / (largest * TINT_STEP)).astype(np.int64)
+    _, which = np.unique(steps, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    sums = np.zeros((int(which.max()) + 1, values.shape[1]))
+    np.add.at(sums, which, values)
+    return sums / np.bincount(which)[:, None], which
+
+
+def _coloured(parts: list[Part], table: _Table, notes: list[str]) -> list[Part]:
+    """The parts without ``colors``, which have gone into materials and one image."""
+    result = list(parts)
+    through_image: list[int] = []
+    tinted = 0
+    for place, part in enumerate(parts):
+        if part.colors is None or not len(part.triangles):
+            continue
+        corners = _of_corners(part, part.colors)
+        if np.ptp(corners, axis=(0, 1)).max() == 0:
+            result[place] = _tinted(part, corners[:1, 0], np.zeros(len(corners), np.int64), table)
+        elif any(table.materials[number].texture >= 0 for number in _numbers(part)):
+            means, which = _grouped(corners.mean(axis=1))
+            result[place] = _tinted(part, means, which, table)
+            tinted += 1
+        else:
+            through_image.append(place)
+    if tinted:
+        notes.append(
+            f"colours of vertices of {counted(tinted, 'part')} that have an image too: the mean of "
+            "each triangle used"
+        )
+    if through_image:
+        made = _through_image([parts[place] for place in through_image], table)
+        for place, part in zip(through_image, made, strict=True):
+            result[place] = part
+    return result
+
+
+def _tinted(part: Part, tints: Array, which: Array, table: _Table) -> Part:
+    """The part with the albedo of its triangles times ``tints[which]``."""
+    numbers = _material_numbers(part)
+    for number in np.unique(numbers).tolist():
+        mine = numbers == number
+        for tint in np.unique(which[mine]).tolist():
+            material = table.materials[number]
+            color = vec3(np.clip(np.multiply(material.base_color, tints[tint]), 0.0, 1.0))
+            numbers = np.where(
+                mine & (which == tint),
+                table.number(number, replace(material, base_color=color)),
+                numbers,
+            )
+    return replace(part, materials=numbers, colors=None)
+
+
+def _material_numbers(part: Part) -> Array:
+    if part.materials is None:
+        return np.full(len(part.triangles), part.material, np.int64)
+    return part.materials
+
+
+def _through_image(parts: list[Part], table: _Table) -> list[Part]:
+    """The parts with vertices of their own for every triangle, looked up in one image.
+
+    A triangle has a block of two by two texels: its corners' colours a, b and c, and b + c - a,
+    between which bilinear sampling is linear.
+    """
+    counts = [len(part.triangles) for part in parts]
+    side = int(np.ceil(np.sqrt(sum(counts))))
+    corners = np.concatenate([_of_corners(part, _colors(part)) for part in parts])
+    pixels = np.zeros((side, 2, side, 2, 3), np.float32)
+    block = np.arange(len(corners))
+    row, column = block // side, block % side
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    for down, right, color in ((0, 0, a), (0, 1, b), (1, 0, c), (1, 1, b + c - a)):
+        pixels[row, down, column, right] = color
+    texture = len(table.textures)
+    table.textures.append(Texture("vertex colours", pixels.reshape(2 * side, 2 * side, 3)))
+    texel = np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5]])
+    at = (texel + 2 * np.stack((column, row), axis=1)[:, None]) / (2 * side)
+    uvs = np.stack((at[..., 0], 1.0 - at[..., 1]), axis=-1)
+    result = []
+    for part, mine in zip(parts, np.split(uvs, np.cumsum(counts)[:-1]), strict=True):
+        numbers = _material_numbers(part)
+        for number in np.unique(numbers).tolist():
+            own = table.number(number, replace(table.materials[number], texture=texture))
+            numbers = np.where(numbers == number, own, numbers)
+        result.append(replace(_split(part), uvs=mine.reshape(-1, 2), materials=numbers))
+    return result
+
+
+def _colors(part: Part) -> Array:
+    assert part.colors is not None
+    return part.colors
+
+
+def _split(part: Part) -> Part:
+    """The part with three vertices of its own for every triangle, without its other images."""
+    outside = (part.triangles < 0) | (part.triangles >= len(part.positions))
+    flat = np.where(outside, 0, part.triangles).reshape(-1)
+    positions = part.positions[flat].astype(np.float64)
+    positions[outside.reshape(-1)] = np.nan  # left to the cleaning of triangles
+    return replace(
+        part,
+        positions=positions,
+        triangles=np.arange(len(flat)).reshape(-1, 3),
+        normals=None if part.normals is None else part.normals[flat],
+        lightmap_uvs=None if part.lightmap_uvs is None else part.lightmap_uvs[flat],
+        emission_uvs=None,
+        opacity_uvs=None,
+        colors=None,
+    )
+
+
+def _remarks(used: list[Material]) -> list[str]:
+    """What the used materials say that is not used."""
+
+    def say(kind: list[Material], what: str) -> list[str]:
+        names = list(dict.fromkeys(material.name for material in kind))
+        return (
+            [f"{what.format(counted(len(names), 'material'))} ({', '.join(names[:3])})"]
+            if names
+            else []
+        )
+
+    cut_out = [m for m in used if m.alpha_mode == "mask"]
+    blended = [m for m in used if m.alpha_mode == "blend" or m.transmission > 0]
+    shiny = [m for m in used if m.roughness < 1 or m.metalness > 0 or m.roughness_map]
+    return [
+        *say(cut_out, "cut-outs (alpha masks) of {} ignored: drawn opaque"),
+        *say(blended, "alpha or transmission of {}: taken as opaque where not left out"),
+        *say([m for m in used if m.normal_map], "normal maps of {} not used"),
+        *say(shiny, "gloss and metal of {} not used: all surfaces are diffuse"),
+        *say([m for m in used if m.unlit], "unlit {}: lit as others are"),
+    ]
