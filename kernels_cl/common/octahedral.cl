@@ -1,5 +1,6 @@
 // The octahedral map of directions (Cigolle et al. 2014, "A Survey of Efficient Representations
-// for Independent Unit Vectors"), z the folded axis; agrees with gibench/bake/octahedral.py.
+// for Independent Unit Vectors"), z the folded axis; agrees with
+// gibench/techniques/parts/octahedral_maps.py.
 #ifndef GIBENCH_OCTAHEDRAL
 #define GIBENCH_OCTAHEDRAL
 

@@ -1,6 +1,7 @@
 // Real spherical harmonics up to order 7 on vectors of VEC directions.
 // Index j = l (l + 1) + m, z the polar axis, orthonormal, no Condon-Shortley phase; the same
-// recurrences as gibench/bake/sh.py (Sloan 2013, "Efficient Spherical Harmonic Evaluation").
+// recurrences as gibench/techniques/srp/bake/sh.py (Sloan 2013, "Efficient Spherical Harmonic
+// Evaluation").
 // Macros: VEC (1, 2, 4, 8 or 16 floats per vector), SH_ORDER (0 to 7).
 #ifndef GIBENCH_SH
 #define GIBENCH_SH

@@ -2,7 +2,7 @@
 #ifndef GIBENCH_GIBS_FRAME
 #define GIBENCH_GIBS_FRAME
 
-// frame: words written by gibench.techniques.gibs.frame_table before every frame.
+// frame: words written by gibench.techniques.gibs.technique before every frame.
 #define FRAME_ALIVE 0      // surfels alive when the frame begins
 #define FRAME_NUMBER 1     // frames begun so far, from 1
 #define FRAME_RAYS 2       // rays to trace in this frame

@@ -1,6 +1,6 @@
 r"""Compressed against uncompressed irradiance of a scene, under random lightings.
 
-    PYTHONPATH=. python tests/srp_compression.py sponza.obj --receivers 246325 \
+    PYTHONPATH=. python tests/support/srp_compression.py sponza.obj --receivers 246325 \
         --probes 150 --suns 15 --lights 30 --leaves 36
 
 bakes the transport of so many random leaves of the AABB tree (all, without ``--leaves``) and prints

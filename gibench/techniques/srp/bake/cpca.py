@@ -25,7 +25,7 @@ SMALLEST_PART = 16
 # Weight of the error of the coefficients themselves, which is that under probe radiance that is
 # white noise, beside the error under expected light: for lights finer than its patches. Alike: at
 # a hundredth, random coefficients were 1.0 to 1.3 % off on samples of Sponza's leaves. They are 0.6
-# now, and the whole scene takes 106.8 MB instead of 90.1 (tests/srp_compression.py).
+# now, and the whole scene takes 106.8 MB instead of 90.1 (tests/support/srp_compression.py).
 WHITE_LIGHT = 1.0
 # How much a direction counts beside a position, in extents of the cluster, where it is split.
 NORMAL_WEIGHT = 0.5
