@@ -182,6 +182,11 @@ class Device:
             cl.enqueue_copy(self.queue, out, buffer.mem)
         return out
 
+    def read_into(self, buffer: Buffer, out: npt.NDArray[Any]) -> None:
+        """Fill ``out``, contiguous, from the start of ``buffer``, after everything enqueued."""
+        if out.nbytes:
+            cl.enqueue_copy(self.queue, out, buffer.mem)
+
     def release(self, *buffers: Buffer) -> None:
         """Free ``buffers`` and take them out of the ledger."""
         self.queue.finish()
@@ -239,8 +244,6 @@ class Device:
         Raises:
             GibenchError: the compiler refuses it.
         """
-        if isinstance(launch.program, Program):
-            return launch.program
         return self.program(launch.program.path, launch.program.defines)
 
     # -- launches ----------------------------------------------------------------------------

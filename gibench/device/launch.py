@@ -106,9 +106,9 @@ class Launch:
         workgroup_size: another size than the configuration's, where the algorithm fixes it.
     """
 
-    program: ProgramSpec | Program
+    program: ProgramSpec
     kernel: str
-    args: Sequence[Argument | Value]
+    args: Sequence[Argument]
     items: Size | Callable[[], Size] | None = None
     groups: Size | Callable[[], Size] | None = None
     workgroup_size: int | None = None
@@ -118,24 +118,14 @@ class Launch:
             raise ValueError(f"{self.kernel}: give either items or groups")
 
     @property
-    def spec(self) -> ProgramSpec:
-        """What its program is built from."""
-        return self.program.spec if isinstance(self.program, Program) else self.program
-
-    @property
-    def values(self) -> list[Value]:
-        """What is passed, in order."""
-        return [a.value if isinstance(a, Argument) else a for a in self.args]
-
-    @property
     def local_bytes(self) -> int:
         """Local memory passed as arguments."""
-        return sum(v.nbytes for v in self.values if isinstance(v, LocalMemory))
+        return sum(a.value.nbytes for a in self.args if isinstance(a.value, LocalMemory))
 
     def buffers(self, *access: Access) -> Iterator[Buffer]:
         """The buffers that it has one of these kinds of access to."""
         for argument in self.args:
-            if isinstance(argument, Argument) and argument.access in access:
+            if argument.access in access:
                 assert isinstance(argument.value, Buffer)
                 yield argument.value
 
@@ -145,10 +135,10 @@ def argument_problem(launch: Launch, parameters: Sequence[Parameter]) -> str | N
 
     Names are compared in order, so that the launch is right where a driver tells no names, too.
     """
-    where = f"{launch.spec.path}: {launch.kernel}"
-    names = [a.name if isinstance(a, Argument) else None for a in launch.args]
+    where = f"{launch.program.path}: {launch.kernel}"
+    names = [argument.name for argument in launch.args]
     for place, (given, parameter) in enumerate(zip(names, parameters, strict=False), 1):
-        if given is not None and given != parameter.name:
+        if given != parameter.name:
             return f"{where} takes '{parameter.name}' as argument {place}, not '{given}'"
     if len(names) < len(parameters):
         missing = parameters[len(names)].name
@@ -158,7 +148,7 @@ def argument_problem(launch: Launch, parameters: Sequence[Parameter]) -> str | N
     if len(names) > len(parameters):
         return f"{where} takes {len(parameters)} arguments, not {len(names)}"
     for argument, parameter in zip(launch.args, parameters, strict=True):
-        if isinstance(argument, Argument) and (problem := _mismatch(argument, parameter)):
+        if problem := _mismatch(argument, parameter):
             return f"{where}: '{parameter.name}' {problem}"
     return None
 
@@ -245,7 +235,7 @@ def set_arguments(launch: Launch, program: Program, kernel: Any) -> None:
     parameters = program.parameters(launch.kernel, kernel)
     if parameters is not None and (problem := argument_problem(launch, parameters)):
         raise GibenchError(problem)
-    kernel.set_args(*(raw_value(value) for value in launch.values))
+    kernel.set_args(*(raw_value(argument.value) for argument in launch.args))
 
 
 def instrumented(launch: Launch, instrument: Instrument, counters: Buffer) -> Launch:
@@ -254,14 +244,13 @@ def instrumented(launch: Launch, instrument: Instrument, counters: Buffer) -> La
     Raises:
         GibenchError: the kernel has no parameter that the instrument's stands behind.
     """
-    names = [a.name if isinstance(a, Argument) else None for a in launch.args]
+    names = [argument.name for argument in launch.args]
     if instrument.after not in names:
         raise GibenchError(
-            f"{launch.spec.path}: {launch.kernel} has no '{instrument.after}': "
+            f"{launch.program.path}: {launch.kernel} has no '{instrument.after}': "
             f"{instrument.name} has nothing to count"
         )
     behind = names.index(instrument.after) + 1
-    spec = launch.spec
-    program = ProgramSpec(spec.path, {**spec.defines, instrument.macro: 1})
+    program = replace(launch.program, defines={**launch.program.defines, instrument.macro: 1})
     args = (*launch.args[:behind], updates(instrument.parameter, counters), *launch.args[behind:])
     return replace(launch, program=program, args=args)

@@ -6,11 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import pyopencl as cl
 
 from gibench.arrays import Floats
-from gibench.device import Buffer, Device
-from gibench.errors import CannotRun
+from gibench.device import (
+    Argument,
+    Buffer,
+    Device,
+    Launch,
+    ProgramSpec,
+    integer,
+    reads,
+    writes,
+)
 from gibench.rays.bvh import Bvh
 from gibench.rays.embree import rays_of
 from gibench.rays.tracer import Hits
@@ -45,9 +52,9 @@ class DeviceBvh:
         return DeviceBvh(bvh, nodes, device.upload(f"{name}_triangles", bvh.blocks))
 
     @property
-    def args(self) -> tuple[Buffer, ...]:
-        """Kernel arguments, in the order of BVH_PARAMS."""
-        return (self.nodes, self.triangles)
+    def args(self) -> tuple[Argument, ...]:
+        """BVH_PARAMS of kernels_cl/common/bvh.cl."""
+        return (reads("bvh_nodes", self.nodes), reads("bvh_triangles", self.triangles))
 
 
 def packet_rays(device: Device) -> int:
@@ -90,22 +97,22 @@ class DeviceTracer:
         self.chunk_rays = chunk_rays
         self.workgroup_size = workgroup_size or device.profile.default_workgroup_size
         self._rays_per_item = packet_rays(device) if packets else 1
-        program = (
-            device.program("rays/trace_packets.cl", {"PACKET": self._rays_per_item})
+        self._program = (
+            ProgramSpec("rays/trace_packets.cl", {"PACKET": self._rays_per_item})
             if packets
-            else device.program("rays/trace.cl")
+            else ProgramSpec("rays/trace.cl")
         )
-        self._closest = program.kernel("trace_closest")
-        self._occluded = program.kernel("trace_occluded")
-        for kernel in (self._closest, self._occluded):
-            if problem := device.launch_problem(kernel, self.workgroup_size):
-                raise CannotRun(problem)
         self._origins = device.empty(f"{name}_origins", (chunk_rays, 3), np.float32)
         self._directions = device.empty(f"{name}_directions", (chunk_rays, 3), np.float32)
         self._limits = device.empty(f"{name}_limits", chunk_rays, np.float32)
         self._hits = device.empty(f"{name}_hits", (chunk_rays, 4), np.float32)
         self._blocked = device.empty(f"{name}_blocked", chunk_rays, np.uint8)
         self.kernel_seconds = 0.0
+        for launch in (
+            self._launch("trace_closest", writes("hits", self._hits), 1, 1),
+            self._launch("trace_occluded", writes("blocked", self._blocked), 1, 1),
+        ):
+            device.prepare(launch, self.workgroup_size)
 
     def closest(
         self, origins: Floats, directions: Floats, max_distance: Floats | float = np.inf
@@ -113,7 +120,7 @@ class DeviceTracer:
         """Closest hits of rays (n, 3) at distances in (0, max_distance)."""
         o, d, limit = rays_of(origins, directions, max_distance)
         raw = np.empty((len(o), 4), np.float32)
-        self._trace(self._closest, o, d, limit, self._hits, raw)
+        self._trace("trace_closest", o, d, limit, writes("hits", self._hits), raw)
         return Hits(
             raw[:, 3].copy().view(np.int32), raw[:, 0].copy(), raw[:, 1].copy(), raw[:, 2].copy()
         )
@@ -124,7 +131,7 @@ class DeviceTracer:
         """(n,) whether anything is hit at a distance in (0, max_distance)."""
         o, d, limit = rays_of(origins, directions, max_distance)
         raw = np.empty(len(o), np.uint8)
-        self._trace(self._occluded, o, d, limit, self._blocked, raw)
+        self._trace("trace_occluded", o, d, limit, writes("blocked", self._blocked), raw)
         return raw.astype(np.bool_)
 
     def release(self) -> None:
@@ -135,15 +142,14 @@ class DeviceTracer:
 
     def _trace(
         self,
-        kernel: cl.Kernel,
+        kernel: str,
         o: Floats,
         d: Floats,
         limit: Floats | float,
-        result: Buffer,
+        result: Argument,
         out: npt.NDArray[np.float32] | npt.NDArray[np.uint8],
     ) -> None:
         """Trace all rays chunk by chunk into ``out``; adds the kernels' own time."""
-        queue, size = self.device.queue, self.workgroup_size
         self.kernel_seconds = 0.0
         for first in range(0, len(o), self.chunk_rays):
             part = slice(first, min(first + self.chunk_rays, len(o)))
@@ -152,14 +158,20 @@ class DeviceTracer:
             self.device.write(self._origins, o[part])
             self.device.write(self._directions, d[part])
             self.device.write(self._limits, limits)
-            arguments = (*self.device_bvh.args, self._origins, self._directions, self._limits)
-            kernel.set_args(
-                *(buffer.mem for buffer in arguments),
-                np.int32(len(limits)),
-                np.int32(count),
-                result.mem,
-            )
-            items = -(-count // (size * self._rays_per_item)) * size
-            event = cl.enqueue_nd_range_kernel(queue, kernel, (items,), (size,))
-            cl.enqueue_copy(queue, out[part], result.mem)
+            launch = self._launch(kernel, result, len(limits), count)
+            event = self.device.enqueue(launch, self.workgroup_size)
+            assert isinstance(result.value, Buffer)
+            self.device.read_into(result.value, out[part])
             self.kernel_seconds += (event.profile.end - event.profile.start) * 1e-9
+
+    def _launch(self, kernel: str, result: Argument, limits: int, count: int) -> Launch:
+        args = (
+            *self.device_bvh.args,
+            reads("origins", self._origins),
+            reads("directions", self._directions),
+            reads("t_max", self._limits),
+            integer("limits", limits),
+            integer("count", count),
+            result,
+        )
+        return Launch(self._program, kernel, args, items=-(-count // self._rays_per_item))

@@ -14,27 +14,9 @@ from typing import Any, ClassVar, Final, Literal, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Argument as NamedArgument
-from gibench.device import Device, Launch, LocalMemory, Scalar, Value
-
-__all__ = [
-    "Argument",
-    "FloatArray",
-    "HasNotes",
-    "KnowsItsCover",
-    "Launch",
-    "LocalMemory",
-    "Pass",
-    "Scalar",
-    "Technique",
-    "Work",
-]
+from gibench.device import Device, Launch
 
 FloatArray = npt.NDArray[np.floating[Any]]
-
-
-# Until every launch names its arguments.
-Argument = NamedArgument | Value
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,6 @@
 #define LIGHT_PARAMS __global const float *lights, int light_count
 #define LIGHT_ARGS lights, light_count
 
-// COUNT_RAYS=1: direct_irradiance gives the number of its shadow rays in place of the light, so that
-// the rays of a frame can be told after it.
-#ifndef COUNT_RAYS
-#define COUNT_RAYS 0
-#endif
-
 // A shadow ray stops this share of the way short of a light, so that it never meets geometry
 // that touches the light.
 #define SHADOW_RAY_SHARE 0.9999f
@@ -86,12 +80,8 @@ inline float3 direct_irradiance(BVH_PARAMS, LIGHT_PARAMS, float3 position, float
         const float3 gain = unshadowed_irradiance(s, normal, geometric_normal);
         if (gain.x + gain.y + gain.z <= 0.0f)
             continue;
-#if COUNT_RAYS
-        sum += 1.0f;
-#else
         if (!bvh_occluded(BVH_ARGS, origin, s.towards, s.distance * SHADOW_RAY_SHARE))
             sum += gain;
-#endif
     }
     return sum;
 }

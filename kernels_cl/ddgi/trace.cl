@@ -51,8 +51,7 @@ __kernel void probe_trace(BVH_PARAMS, __global const float *positions,
 
 // probe_shade: one work-item per probe and rotated ray; inactive probes are left out.
 //   radiance = emission + albedo / pi (direct irradiance + what last frame's probes give there),
-// the environment on a miss, nothing on a back, whose distance is negative. With COUNT_RAYS=1 every
-// channel holds the number of shadow rays instead.
+// the environment on a miss, nothing on a back, whose distance is negative.
 // rays: see ddgi/rays.cl. Majercik et al. 2019, section 4.2.
 __kernel void probe_shade(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                           VOLUME_PARAMS, MAP_PARAMS, __global const float *directions,
@@ -70,9 +69,7 @@ __kernel void probe_shade(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_
     float3 radiance = (float3)(0.0f);
     float distance = FAR_AWAY;
     if (hit.triangle < 0) {
-#if !COUNT_RAYS
         radiance = environment_radiance(ENVIRONMENT_ARGS, direction);
-#endif
     } else {
         const Surface s = surface_at(SURFACE_ARGS, hit);
         distance = -hit.t;
@@ -82,13 +79,9 @@ __kernel void probe_shade(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_
             const float3 bias = surface_bias(s.geometric_normal, -direction);
             const float3 direct =
                 direct_irradiance(BVH_ARGS, LIGHT_ARGS, seen, s.normal, s.geometric_normal);
-#if COUNT_RAYS
-            radiance = direct;
-#else
             const float3 irradiance =
                 direct + gathered_irradiance(VOLUME_ARGS, MAP_ARGS, s.position, bias, s.normal);
             radiance = with_reflected(s.emission, s.albedo, irradiance);
-#endif
         }
     }
     store_ray(rays, probe, ray, radiance, distance, max_distance(volume));

@@ -103,8 +103,8 @@ inline float guide_texel(__global const float *guide, bool knows, float *u, int 
 // trace_rays: one work-item per ray. Casts it from its surfel in a cosine-distributed direction (or
 // by the guide) and finds what comes back along it: emission, direct light and the surfels' own
 // irradiance of the last frame at the hit (endless bounces), or the environment.
-// ray_light: (rays,) radiance, W/m2/sr (with COUNT_RAYS=1 the number of shadow rays), and distance,
-// m. ray_choice: (rays,) the factor by which the direction is under-represented, and its texel.
+// ray_light: (rays,) radiance, W/m2/sr and distance, m.
+// ray_choice: (rays,) the factor by which the direction is under-represented, and its texel.
 __kernel void trace_rays(__global const uint *frame, __global const uint *alive_ids,
                          __global const uint *births, __global const uint *ray_first,
                          __global const uint *ray_owner, __global const float *estimator,
@@ -141,9 +141,7 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
     const Hit hit = bvh_closest(BVH_ARGS, origin, direction, INFINITY);
     float3 radiance = (float3)(0.0f);
     if (hit.triangle < 0) {
-#if !COUNT_RAYS
         radiance = environment_radiance(ENVIRONMENT_ARGS, direction);
-#endif
     } else {
         const Surface s = surface_at(SURFACE_ARGS, hit);
         if (dot(s.geometric_normal, direction) < 0.0f) {
@@ -151,11 +149,7 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
             const float3 direct = direct_irradiance(BVH_ARGS, LIGHT_ARGS,
                                                     back_along_ray(s.position, direction), s.normal,
                                                     s.geometric_normal);
-#if COUNT_RAYS
-            radiance = direct;
-#else
             radiance = with_reflected(s.emission, s.albedo, direct + g.irradiance);
-#endif
         }
     }
     ray_light[ray] = (float4)(radiance, hit.t);

@@ -12,7 +12,6 @@
 // forward_render: one work-item per pixel, in tiled order (common/pixels.cl).
 //   radiance = emission + albedo / pi (direct + indirect irradiance), the environment on a miss,
 //   black on a surface's back. Bennett 2019, section 5.4 (there by rasterisation).
-//   With COUNT_RAYS=1 every channel holds the pixel's number of shadow rays instead.
 // image: (height, width, 3) W/m2/sr. show: sum of SHOW_DIRECT and SHOW_INDIRECT. Built with INDIRECT=0 it takes and reads no lightmap.
 __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                              __global const float *camera, int width, int height, int show,
@@ -28,7 +27,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
     const Hit hit = bvh_closest(BVH_ARGS, ray.origin, ray.direction, INFINITY);
     float3 radiance = (float3)(0.0f);
     if (hit.triangle < 0) {
-        if ((show & SHOW_DIRECT) && !COUNT_RAYS)
+        if (show & SHOW_DIRECT)
             radiance = environment_radiance(ENVIRONMENT_ARGS, ray.direction);
     } else {
         const Surface s = surface_at(SURFACE_ARGS, hit);
@@ -44,11 +43,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
             if (show & SHOW_INDIRECT)
                 irradiance += lightmap_irradiance(LIGHTMAP_ARGS, hit);
 #endif
-#if COUNT_RAYS
-            radiance = irradiance;
-#else
             radiance = with_reflected(radiance, s.albedo, irradiance);
-#endif
         }
     }
     store3(image, (size_t)pixel.y * width + pixel.x, radiance);

@@ -25,7 +25,6 @@ from support.gibs_surfels import STRETCH, frame_words, geometry, surfel_grid
 from gibench.device import Device, kernel_source
 from gibench.profiles import load_profile
 from gibench.techniques.gibs.grid import UniformGrid
-from gibench.techniques.launching import prepare_launch
 
 WORKGROUP = 256
 ROUNDS = 7
@@ -149,7 +148,7 @@ def test_sorting_is_twice_as_fast_as_the_best_of_the_others(request, n, division
         # Without the copies for lookups, which none of the others makes.
         *(one for one in sorter.finalise(lambda: n) if one.kernel != "pack_lists"),
     )
-    launches = [prepare_launch(device, one, WORKGROUP) for one in passes]
+    launches = [device.prepare(one, WORKGROUP) for one in passes]
 
     def ours():
         for launch in launches:

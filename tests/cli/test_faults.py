@@ -15,11 +15,10 @@ from support import fake_technique
 
 import gibench
 from gibench.cli.main import call
-from gibench.device import Device
+from gibench.device import Device, PreparedLaunch
 from gibench.measure.machine import roofs
 from gibench.measure.runfolder import folder as run_folder
 from gibench.measure.statistics.summary import Roofs
-from gibench.techniques.launching import PreparedLaunch
 
 GRID = ("-w", "64", "-w", "128", "--frames", "20", "--warmup", "0")
 

@@ -209,7 +209,7 @@ def test_every_byte_is_counted(rng):
     device = Device(load_profile("iphone7"))
     bvh = build_bvh(corners)
     tree = DeviceBvh.upload(device, bvh)
-    assert device.memory.total_bytes == bvh.nbytes == sum(b.nbytes for b in tree.args)
+    assert device.memory.total_bytes == bvh.nbytes == sum(a.value.nbytes for a in tree.args)
     tracer = DeviceTracer(device, tree, chunk_rays=1000)
     assert device.memory.total_bytes == bvh.nbytes + 1000 * (12 + 12 + 4 + 16 + 1)
     tracer.release()

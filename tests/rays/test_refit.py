@@ -141,7 +141,7 @@ def test_only_what_moves_and_its_ancestors_are_visited(rng):
 def test_hits_are_those_of_a_new_tree_and_of_the_oracles(rng, packets, size):
     shared, _ = moving(rng)
     device = shared.device
-    nodes, triangles = shared.bvh_args
+    nodes, triangles = (a.value for a in shared.bvh_args)
     tree = DeviceBvh(shared.bvh, nodes, triangles)
     refitted = DeviceTracer(device, tree, size, packets=packets)
     for frame in range(3):
@@ -177,7 +177,11 @@ def test_nothing_drifts_in_a_thousand_frames(rng):
     def state():
         return [
             shared.device.read(b)
-            for b in (shared.surfaces.positions, shared.surfaces.normals, *shared.bvh_args)
+            for b in (
+                shared.surfaces.positions,
+                shared.surfaces.normals,
+                *(a.value for a in shared.bvh_args),
+            )
         ]
 
     at_rest = state()
@@ -198,7 +202,7 @@ def test_a_large_scene_on_the_move_loses_no_ray(rng):
     scene = crowd(rng, (3000, 5000), ("still", "all"))
     scene.positions[:200] = scene.positions[0] + 1e-3 * rng.normal(size=(200, 3))
     shared, _ = moving(rng, scene, ("still", "all", "box"), frames=2)
-    nodes, triangles = shared.bvh_args
+    nodes, triangles = (a.value for a in shared.bvh_args)
     tracer = DeviceTracer(shared.device, DeviceBvh(shared.bvh, nodes, triangles), 64)
     begin(shared, 1, 64)
     corners = read_corners(shared)

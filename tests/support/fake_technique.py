@@ -7,11 +7,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gibench.device import Device
+from gibench.device import Device, Launch, ProgramSpec, reads, scalar, writes
 from gibench.errors import BadInput
 from gibench.techniques.job import Job, World
 from gibench.techniques.registry import BakeContext, TechniqueSpec
-from gibench.techniques.technique import Launch, Pass, Work
+from gibench.techniques.technique import Pass, Work
 
 FLOATS = 4096
 
@@ -52,15 +52,26 @@ class Fake:
 
     def passes(self) -> list[Pass]:
         def triad() -> list[Launch]:
-            program = self.device.program("measure/roofs.cl", {"VEC": 4})
-            sizes = np.uint32(FLOATS // 4), np.uint32(1)
-            arguments = (self.a, self.b, self.b, np.float32(self.settings.scale), *sizes)
+            program = ProgramSpec("measure/roofs.cl", {"VEC": 4})
+            arguments = (
+                writes("a", self.a),
+                reads("b", self.b),
+                reads("c", self.b),
+                scalar("scalar", np.float32(self.settings.scale)),
+                scalar("count", np.uint32(FLOATS // 4)),
+                scalar("stretch", np.uint32(1)),
+            )
             return [Launch(program, "roof_triad", arguments, items=FLOATS // 4)]
 
         def read() -> list[Launch]:
             path = "no/such.cl" if self.settings.fault == "build" else "measure/roofs.cl"
-            program = self.device.program(path, {"VEC": 4})
-            arguments = (self.a, self.b, np.uint32(FLOATS // 4), np.uint32(4))
+            program = ProgramSpec(path, {"VEC": 4})
+            arguments = (
+                writes("sums", self.a),
+                reads("b", self.b),
+                scalar("count", np.uint32(FLOATS // 4)),
+                scalar("stretch", np.uint32(4)),
+            )
             return [Launch(program, "roof_read", arguments, items=FLOATS // 16, workgroup_size=32)]
 
         stream = Work(flops=2 * FLOATS, bytes_read=8 * FLOATS, bytes_written=4 * FLOATS)

@@ -11,7 +11,6 @@ from gibench.scene.model import Camera, Material, PointLight, Scene
 from gibench.scene.readers.shapes import cube
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.gibs import SPEC
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.shared_passes import frame_passes
 from gibench.techniques.registry import TUNED
 from support.made import made
@@ -103,7 +102,7 @@ class Frames:
     def __init__(self, technique, size=64):
         self.technique = technique
         self.launches = {
-            item.name: [prepare_launch(technique.device, one, size) for one in item.launches()]
+            item.name: [technique.device.prepare(one, size) for one in item.launches()]
             for item in frame_passes(technique)
         }
         self.next = 0

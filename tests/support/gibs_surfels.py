@@ -7,7 +7,6 @@ import numpy as np
 from gibench.device import Device
 from gibench.profiles import load_profile
 from gibench.techniques.gibs.grid import NEIGHBOURS, SurfelGeometry, SurfelGrid, UniformGrid
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.macros import SCENE_MACROS
 
 STRETCH = 4.0  # what the tests and benchmarks of sorting use
@@ -76,7 +75,7 @@ def sort_launches(surfel_grid, alive):
 
 def run(device, launches, size=64):
     for launch in launches:
-        prepare_launch(device, launch, size).enqueue(device.queue)
+        device.enqueue(launch, size)
 
 
 def unit_vectors(n, rng):

@@ -11,7 +11,6 @@ from gibench.rays.bvh import Bvh
 from gibench.scene.model import Camera, Material, PointLight
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import IDENTITY, Keyframes
-from gibench.techniques.launching import prepare_launch
 from support.gibs_scenes import box_parts, furnished, scene_of
 from support.rays_oracle import soup
 
@@ -91,12 +90,12 @@ def begin(frame_scene, frame, size):
     frame_scene.begin_frame(frame)
     for item in frame_scene.passes():
         for launch in item.launches():
-            prepare_launch(frame_scene.device, launch, size).enqueue(frame_scene.device.queue)
+            frame_scene.device.enqueue(launch, size)
 
 
 def read_tree(frame_scene) -> Bvh:
     """The tree as it lies on the device now."""
-    nodes, blocks = (frame_scene.device.read(b) for b in frame_scene.bvh_args)
+    nodes, blocks = (frame_scene.device.read(a.value) for a in frame_scene.bvh_args)
     return replace(frame_scene.bvh, nodes=nodes, blocks=blocks)
 
 

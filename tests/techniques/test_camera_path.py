@@ -157,7 +157,7 @@ def test_every_technique_sees_the_same_flight(tmp_path, which):
         expected = camera_table(flight.camera_in(frame, scene.cameras[0]), 24, 16)
         for technique in techniques:
             technique.begin_frame(frame)
-            seen = technique.device.read(technique.scene.camera_args[0])
+            seen = technique.device.read(technique.scene.camera_args[0].value)
             np.testing.assert_array_equal(seen, expected)
         moves = not np.array_equal(expected, camera_table(scene.cameras[0], 24, 16))
         # The built-in flight begins and ends where the camera rests; the file's does not.

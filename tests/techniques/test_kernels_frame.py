@@ -5,7 +5,6 @@ import pytest
 from support.shading_oracle import direct_irradiance, open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
@@ -21,7 +20,7 @@ SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
 
 def run(device, launches, workgroup_size):
     for launch in launches:
-        prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
+        device.enqueue(launch, workgroup_size)
 
 
 @pytest.mark.parametrize("packets", [False, True])

@@ -9,9 +9,8 @@ from typing import Literal
 
 import pyopencl as cl
 
-from gibench.device import Device
+from gibench.device import Device, PreparedLaunch
 from gibench.errors import CannotRun, GibenchError
-from gibench.techniques.launching import PreparedLaunch, prepare_launch
 from gibench.techniques.parts.shared_passes import frame_passes
 from gibench.techniques.technique import GI, Pass, Stage, Technique, Work
 
@@ -70,7 +69,7 @@ def prepare_passes(technique: Technique, workgroup_size: int) -> list[PreparedPa
 def prepare_pass(device: Device, item: Pass, workgroup_size: int) -> PreparedPass:
     """Build one pass (see :func:`prepare_passes`)."""
     try:
-        launches = tuple(prepare_launch(device, one, workgroup_size) for one in item.launches())
+        launches = tuple(device.prepare(one, workgroup_size) for one in item.launches())
     except CannotRun as error:
         return PreparedPass(item.name, item.work, (), str(error), "skipped", stage=item.stage)
     except (GibenchError, cl.Error) as error:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.device import Device
 from gibench.errors import CannotRun
 from gibench.measure.compare.kernel_trees import tree_hash
 from gibench.measure.plan.configuration import Configuration
@@ -36,7 +37,7 @@ from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.resources import data
 from gibench.techniques.parts.shared_passes import frame_passes
-from gibench.techniques.technique import LocalMemory, Pass, Technique
+from gibench.techniques.technique import Pass, Technique
 
 CLEAR = 0.03
 WARMUP, FRAMES = 4, 15
@@ -127,7 +128,9 @@ def measure_sweep(
             refusal = error
             continue
         alive[size] = technique, prepare_passes(technique, size)
-        free = tuple(item.name for item in frame_passes(technique) if _is_free(item))
+        free = tuple(
+            item.name for item in frame_passes(technique) if _is_free(technique.device, item)
+        )
     if not alive:
         assert refusal is not None
         raise refusal
@@ -187,7 +190,7 @@ def _best(times: Mapping[int, float], default: int) -> int:
     return best
 
 
-def _is_free(item: Pass) -> bool:
+def _is_free(device: Device, item: Pass) -> bool:
     """Whether any size fits the pass: it counts work-items and shares no local memory."""
     try:
         launches = item.launches()
@@ -196,19 +199,10 @@ def _is_free(item: Pass) -> bool:
     return all(
         one.groups is None
         and one.workgroup_size is None
-        and not any(isinstance(argument, LocalMemory) for argument in one.args)
-        and "local" not in _qualifiers(one.program.source, one.kernel)
+        and one.local_bytes == 0
+        and not device.built(one).asks_for_its_group(one.kernel)
         for one in launches
     )
-
-
-def _qualifiers(source: str, kernel: str) -> str:
-    """``local`` where the kernel's body asks for local memory, barriers or its group's size."""
-    start = source.find(f"void {kernel}(")
-    end = source.find("\n}", start)
-    body = source[start:end]
-    asks = ("__local", "barrier(", "get_local_", "get_group_id", "get_num_groups")
-    return "local" if start < 0 or any(word in body for word in asks) else ""
 
 
 def _memory(

@@ -7,12 +7,22 @@ from typing import Protocol
 
 import numpy as np
 
-from gibench.device import Buffer
+from gibench.device import (
+    Argument,
+    Buffer,
+    Launch,
+    ProgramSpec,
+    integer,
+    local,
+    reads,
+    scalar,
+    updates,
+    writes,
+)
 from gibench.device.build import Define
 from gibench.errors import CannotRun
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
-from gibench.techniques.technique import Argument, Launch, LocalMemory
 
 RAY_PLANES = 6  # kernels_cl/ddgi/rays.cl
 LIST_STEP = 4  # kernels_cl/ddgi/tuned_blend.cl
@@ -64,26 +74,26 @@ class Published:
 
     def irradiance(self) -> Sequence[Launch]:
         """One launch, a group per probe."""
-        p = self.probes
-        return self._launch("blend_irradiance", 7, (p.irradiance, p.variability, p.accepted))
+        return self._launch("blend_irradiance", 7, irradiance_results(self.probes))
 
     def distance(self) -> Sequence[Launch]:
         """One launch, a group per probe."""
-        return self._launch("blend_distance", 4, (self.probes.distance,))
+        return self._launch("blend_distance", 4, distance_results(self.probes))
 
-    def _launch(self, kernel: str, floats: int, outputs: tuple[Buffer, ...]) -> Sequence[Launch]:
+    def _launch(self, kernel: str, floats: int, results: tuple[Argument, ...]) -> Sequence[Launch]:
         p, profile = self.probes, self.probes.device.profile
         chunk = min(p.settings.blended, profile.local_memory_bytes // (4 * floats))
         if chunk == 0:
             raise CannotRun(f"profile {profile.name} has too little local memory")
         defines: dict[str, Define] = {**p.defines(self.lanes), "CHUNK": chunk}
-        program = p.device.program("ddgi/published_blend.cl", defines)
-        staged = LocalMemory(4 * floats * chunk)
-        args: tuple[Argument, ...] = (
+        program = ProgramSpec("ddgi/published_blend.cl", defines)
+        args = (
             *p.volume_args,
-            *(p.directions, self.rays, p.frame_key),
-            *outputs,
-            staged,
+            reads("directions", p.directions),
+            reads("rays", self.rays),
+            reads("frame_key", p.frame_key),
+            *results,
+            local("staged", 4 * floats * chunk),
         )
         return [Launch(program, kernel, args, groups=p.volume.probes)]
 
@@ -125,44 +135,77 @@ class Tuned:
     def irradiance(self) -> Sequence[Launch]:
         """The frame's weights, the rays on backs, then the product."""
         p, side = self.probes, self.probes.settings.irradiance_texels
-        program = p.device.program("ddgi/tuned_blend.cl", self._defines())
-        args: tuple[Argument, ...] = (
-            *(*p.volume_args, *self._lists["irradiance"], self.rays, self._backs, p.frame_key),
-            *(p.irradiance, p.variability, p.accepted),
+        args = (
+            *p.volume_args,
+            *self._list_args("irradiance"),
+            reads("rays", self.rays),
+            reads("backs", self._backs),
+            reads("frame_key", p.frame_key),
+            *irradiance_results(p),
         )
-        backs = (self.rays, self._backs)
+        backs = (reads("rays", self.rays), writes("counts", self._backs))
         return [
             self._weights("irradiance", side, False, 0.0),
-            Launch(program, "backface_counts", backs, items=p.volume.probes),
-            Launch(program, "blend_irradiance", args, items=self._items(side)),
+            Launch(self._program(), "backface_counts", backs, items=p.volume.probes),
+            Launch(self._program(), "blend_irradiance", args, items=self._items(side)),
         ]
 
     def distance(self) -> Sequence[Launch]:
         """The frame's weights, then the product."""
         p, s = self.probes, self.probes.settings
-        program = p.device.program("ddgi/tuned_blend.cl", self._defines())
-        args: tuple[Argument, ...] = (
-            *(*p.volume_args, *self._lists["distance"], self.rays, p.frame_key, p.distance),
+        args = (
+            *p.volume_args,
+            *self._list_args("distance"),
+            reads("rays", self.rays),
+            reads("frame_key", p.frame_key),
+            *distance_results(p),
         )
         return [
             self._weights("distance", s.distance_texels, True, least_cosine(s)),
-            Launch(program, "blend_distance", args, items=self._items(s.distance_texels)),
+            Launch(self._program(), "blend_distance", args, items=self._items(s.distance_texels)),
         ]
 
     def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
-        p = self.probes
-        program = p.device.program("ddgi/tuned_blend.cl", self._defines())
+        lengths, rays, weights = self._lists[name]
         args = (
-            *(p.directions, np.int32(side), np.int32(sharp), np.float32(least)),
-            *self._lists[name],
+            reads("directions", self.probes.directions),
+            integer("side", side),
+            integer("sharp", sharp),
+            scalar("least", np.float32(least)),
+            writes("lengths", lengths),
+            writes("list_rays", rays),
+            writes("list_weights", weights),
         )
-        return Launch(program, "blend_weights", args, items=side**2)
+        return Launch(self._program(), "blend_weights", args, items=side**2)
+
+    def _list_args(self, name: str) -> tuple[Argument, ...]:
+        lengths, rays, weights = self._lists[name]
+        return (
+            reads("lengths", lengths),
+            reads("list_rays", rays),
+            reads("list_weights", weights),
+        )
 
     def _items(self, side: int) -> int:
         return -(-self.probes.volume.probes // self.lanes) * (self.lanes // self.width) * side**2
 
-    def _defines(self) -> dict[str, Define]:
-        return {**self.probes.defines(self.lanes), "VEC": self.width}
+    def _program(self) -> ProgramSpec:
+        defines = {**self.probes.defines(self.lanes), "VEC": self.width}
+        return ProgramSpec("ddgi/tuned_blend.cl", defines)
+
+
+def irradiance_results(probes: Probes) -> tuple[Argument, ...]:
+    """What blending the irradiance updates."""
+    return (
+        updates("irradiance_maps", probes.irradiance),
+        updates("variability", probes.variability),
+        updates("accepted", probes.accepted),
+    )
+
+
+def distance_results(probes: Probes) -> tuple[Argument, ...]:
+    """What blending the distance updates."""
+    return (updates("distance_maps", probes.distance),)
 
 
 def lanes_of(vector_width: int, simd_width: int) -> int:

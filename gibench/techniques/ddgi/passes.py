@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from gibench.device import Buffer
+from gibench.device import (
+    Argument,
+    Buffer,
+    Define,
+    Launch,
+    ProgramSpec,
+    count_rays,
+    integer,
+    local,
+    reads,
+    scalar,
+    updates,
+    writes,
+)
 from gibench.techniques.ddgi.blending import Blending, distance_share
 from gibench.techniques.ddgi.probes import ACTIVE, STORED, Probes
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
 from gibench.techniques.parts.shared_passes import with_shadow_rays
-from gibench.techniques.technique import CAMERA_AND_GI, Argument, Launch, LocalMemory, Pass, Work
+from gibench.techniques.technique import CAMERA_AND_GI, Pass, Work
 
 SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
 
@@ -123,18 +134,11 @@ class DdgiPasses:
         )
 
     def _shaded(self, workgroup_size: int) -> Work:
-        """The shading's work likewise, with its shadow rays; overwrites the rays' light."""
-        p, device = self.probes, self.probes.device
-        rays = self.blending.rays
-        device.write(rays, np.zeros(rays.shape, rays.dtype))
-        # One probe beside the other: four floats a ray, which fit wherever the variant's own do.
-        program = self.scene.program("ddgi/trace.cl", {**p.defines(1), "COUNT_RAYS": 1})
-        launch = replace(self._shade()[0], program=program)
-        prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
-        shaded = p.volume.probes * p.settings.blended
-        shadow_rays = device.read(rays).reshape(-1)[: 4 * shaded : 4].sum(dtype=np.float64)
-        nbytes = 16 * self._active() * p.settings.blended
-        return Work(bytes_read=nbytes, bytes_written=nbytes, rays=float(shadow_rays))
+        """The shading's work likewise, with its shadow rays."""
+        (launch,) = self._shade()
+        rays = count_rays(self.probes.device, launch, workgroup_size)
+        nbytes = 16 * self._active() * self.probes.settings.blended
+        return Work(bytes_read=nbytes, bytes_written=nbytes, rays=rays.occluded)
 
     def _irradiance_blended(self, active: int) -> Work:
         """The least ``blend_irradiance`` does; half of the rays have a positive cosine with a
@@ -188,8 +192,8 @@ class DdgiPasses:
             *self.scene.camera_args,
             *self.probes.volume_args,
             *self.probes.map_args,
-            np.int32(show),
-            self.scene.image,
+            integer("show", show),
+            writes("image", self.scene.image),
         )
         return Launch(program, "application", args, items=self._tiled_pixels)
 
@@ -200,7 +204,10 @@ class DdgiPasses:
         args: tuple[Argument, ...] = (
             *self.probes.volume_args,
             *self.probes.map_args,
-            *(position, normal, np.int32(count), irradiance),
+            reads("position", position),
+            reads("normal", normal),
+            integer("count", count),
+            writes("irradiance", irradiance),
         )
         return Launch(program, "receiver_irradiance", args, items=count)
 
@@ -211,7 +218,9 @@ class DdgiPasses:
             *self.scene.bvh_args,
             *self.scene.camera_args,
             *self.probes.volume_args,
-            *(self.probes.irradiance, np.float32(radius), self.scene.image),
+            reads("irradiance_maps", self.probes.irradiance),
+            scalar("radius", np.float32(radius)),
+            updates("image", self.scene.image),
         )
         return Launch(program, "probe_view", args, items=self._tiled_pixels)
 
@@ -224,7 +233,7 @@ class DdgiPasses:
         s = self.scene
         return *s.bvh_args, *s.surface_args, *s.light_args, *s.environment_args
 
-    def _defines(self) -> dict[str, int | float | str | bool]:
+    def _defines(self) -> dict[str, Define]:
         return {**self.probes.defines(self.blending.lanes), "VEC": self.blending.width}
 
     def _trace(self) -> Sequence[Launch]:
@@ -233,10 +242,12 @@ class DdgiPasses:
         surfaces = self.scene.surfaces
         args: tuple[Argument, ...] = (
             *self.scene.bvh_args,
-            surfaces.positions,
-            surfaces.triangles,
+            reads("positions", surfaces.positions),
+            reads("triangles", surfaces.triangles),
             *p.volume_args,
-            *(p.directions, p.fixed_distance, p.hits),
+            reads("directions", p.directions),
+            updates("fixed_distance", p.fixed_distance),
+            updates("hits", p.hits),
         )
         return [Launch(program, "probe_trace", args, items=p.volume.probes * p.settings.rays)]
 
@@ -244,14 +255,18 @@ class DdgiPasses:
         p = self.probes
         program = self.scene.program("ddgi/trace.cl", self._defines())
         args: tuple[Argument, ...] = (
-            *(*self._shading_args, *p.volume_args, *p.map_args),
-            *(p.directions, p.hits, self.blending.rays),
+            *self._shading_args,
+            *p.volume_args,
+            *p.map_args,
+            reads("directions", p.directions),
+            reads("hits", p.hits),
+            updates("rays", self.blending.rays),
         )
         return [Launch(program, "probe_shade", args, items=p.volume.probes * p.settings.blended)]
 
     def _borders(self) -> Sequence[Launch]:
         p = self.probes
-        program = p.device.program("ddgi/probes.cl", self._defines())
+        program = ProgramSpec("ddgi/probes.cl", self._defines())
         launches = []
         for maps, side in (
             (p.irradiance, p.settings.irradiance_texels),
@@ -259,35 +274,59 @@ class DdgiPasses:
         ):
             words = maps.shape[-1] * maps.dtype.itemsize // 4
             count = p.volume.probes
-            args = (maps, np.int32(count), np.int32(side), np.int32(words))
+            args = (
+                updates("maps", maps),
+                integer("probes", count),
+                integer("side", side),
+                integer("words", words),
+            )
             launches.append(Launch(program, "border_copy", args, items=count * 4 * (side + 1)))
         return launches
 
     def _relocation(self) -> Sequence[Launch]:
         p = self.probes
-        program = p.device.program("ddgi/probes.cl", self._defines())
+        program = ProgramSpec("ddgi/probes.cl", self._defines())
         args = (
-            *(*p.volume_args, p.directions, p.fixed_distance),
-            np.float32(p.min_frontface),
+            reads("volume", p.table),
+            updates("probe_data", p.data),
+            reads("directions", p.directions),
+            reads("fixed_distance", p.fixed_distance),
+            scalar("least_front", np.float32(p.min_frontface)),
         )
         return [Launch(program, "relocation", args, items=p.volume.probes)]
 
     def _classification(self) -> Sequence[Launch]:
         p = self.probes
-        program = p.device.program("ddgi/probes.cl", self._defines())
+        program = ProgramSpec("ddgi/probes.cl", self._defines())
         args = (
-            *(*p.volume_args, p.directions, p.fixed_distance, p.accepted),
-            np.int32(p.settings.classification),
+            reads("volume", p.table),
+            updates("probe_data", p.data),
+            reads("directions", p.directions),
+            reads("fixed_distance", p.fixed_distance),
+            reads("accepted", p.accepted),
+            integer("enabled", p.settings.classification),
         )
         return [Launch(program, "classification", args, items=p.volume.probes)]
 
     def _variability(self) -> Sequence[Launch]:
         p, size = self.probes, self.workgroup_size
-        program = p.device.program("ddgi/probes.cl", self._defines())
-        local = (LocalMemory(4 * size), LocalMemory(4 * size))
-        sums = (p.data, p.variability, self._sums, self._counts, *local)
+        program = ProgramSpec("ddgi/probes.cl", self._defines())
+        scratch = (local("values", 4 * size), local("numbers", 4 * size))
         groups = self._sums.shape[0]
-        mean = (self._sums, self._counts, np.int32(groups), p.average, *local)
+        sums = (
+            reads("probe_data", p.data),
+            reads("variability", p.variability),
+            writes("sums", self._sums),
+            writes("counts", self._counts),
+            *scratch,
+        )
+        mean = (
+            reads("sums", self._sums),
+            reads("counts", self._counts),
+            integer("groups", groups),
+            writes("average", p.average),
+            *scratch,
+        )
         return [
             Launch(program, "variability_sums", sums, groups=groups, workgroup_size=size),
             Launch(program, "variability_mean", mean, groups=1, workgroup_size=size),

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from gibench.device import Buffer, Device
+from gibench.device import Argument, Buffer, Device, reads
 from gibench.device.build import Define
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume, ray_directions
-from gibench.techniques.technique import Argument
 
 # Bits of a probe's state, kernels_cl/ddgi/volume.cl.
 ACTIVE = 1
@@ -109,12 +108,15 @@ class Probes:
     @property
     def volume_args(self) -> tuple[Argument, ...]:
         """VOLUME_PARAMS of kernels_cl/ddgi/volume.cl."""
-        return self.table, self.data
+        return reads("volume", self.table), reads("probe_data", self.data)
 
     @property
     def map_args(self) -> tuple[Argument, ...]:
         """MAP_PARAMS of kernels_cl/ddgi/volume.cl."""
-        return self.irradiance, self.distance
+        return (
+            reads("irradiance_maps", self.irradiance),
+            reads("distance_maps", self.distance),
+        )
 
     @property
     def min_frontface(self) -> float:

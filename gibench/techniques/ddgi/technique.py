@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from gibench.device import Device
+from gibench.device import Device, Launch
 from gibench.scene.model import Camera
 from gibench.techniques.ddgi.blending import Blending, Published, Tuned, lanes_of
 from gibench.techniques.ddgi.passes import DdgiPasses
@@ -15,12 +15,11 @@ from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.volume import Volume
 from gibench.techniques.job import Job, World
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.shared_passes import rendered
 from gibench.techniques.registry import TUNED
-from gibench.techniques.technique import FloatArray, Launch, Pass
+from gibench.techniques.technique import FloatArray, Pass
 
 # A drawn probe's radius over the least spacing: with the greatest offset (0.45) it still fits its
 # cell.
@@ -130,7 +129,7 @@ class Ddgi:
 
     def _run(self, launch: Launch) -> None:
         size = self._job.group_size
-        prepare_launch(self.device, launch, size).enqueue(self.device.queue)
+        self.device.enqueue(launch, size)
 
     def _drawn(self, launch: Launch) -> FloatArray:
         self._run(launch)

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Floats
-from gibench.device import Buffer, Device
+from gibench.device import Buffer, Device, Launch, ProgramSpec, reads, updates, writes
 from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_of
-from gibench.techniques.technique import Launch
 
 PACKED_ROWS = 11  # kernels_cl/gibs/frame.cl
 PACKED_PADDING = 16  # kernels_cl/gibs/frame.cl, PACKED_STRIDE
@@ -189,6 +188,7 @@ class SurfelGrid:
         cells = grid.cells
         self.table = device.upload("grid_table", grid.table((0.0, 0.0, 0.0)))
         # Tuned, they count back to zero every frame and are never cleared.
+        # As published they become the lists' ends (kernels_cl/gibs/gather.cl).
         self.counts = device.upload("grid_counts", np.zeros(cells, np.uint32))
         self.starts = device.empty("grid_starts", cells + 1, np.uint32)
         self.ids = device.empty("grid_ids", max(entries, 1), np.uint32)
@@ -223,34 +223,28 @@ class SurfelGrid:
         blocks = BlockScan.blocks(grid.cells, workgroup_size)
         return lists + 4 * (1 + max(blocks, 1)) + 4 * PACKED_ROWS * (entries + PACKED_PADDING)
 
-    @property
-    def list_bounds(self) -> tuple[Buffer, Buffer]:
-        """Starts and ends of the lists as kernels_cl/gibs/gather.cl takes them: the ends are the
-        counts' buffer as published; else they are the next starts and the counts are not read.
-        """
-        return self.starts, self.counts
-
     def transform_and_count(self, alive: Callable[[], int]) -> list[Launch]:
         """Surfels to world space, and counted into their cells."""
         s = self.surfels
-        program = self.device.program("gibs/sort.cl", self.defines)
+        program = self._program()
         args = (
-            s.frame,
-            self.table,
-            s.alive_ids,
-            s.object_ids,
-            s.transforms,
-            s.local_position,
-            s.local_normal,
-            s.world_position,
-            s.world_normal,
-            s.radii,
-            self.counts,
+            reads("frame", s.frame),
+            reads("grid", self.table),
+            reads("alive_ids", s.alive_ids),
+            reads("object_ids", s.object_ids),
+            reads("transforms", s.transforms),
+            reads("local_position", s.local_position),
+            reads("local_normal", s.local_normal),
+            updates("world_position", s.world_position),
+            updates("world_normal", s.world_normal),
+            updates("radii", s.radii),
+            updates("counts", self.counts),
         )
         count = Launch(program, "transform_and_count", args, items=alive)
         if not self.published:
             return [count]
-        clear = Launch(program, "clear_counts", (self.counts,), items=self.grid.cells)
+        cells = self.grid.cells
+        clear = Launch(program, "clear_counts", (writes("ends", self.counts),), items=cells)
         return [clear, count]
 
     def prefix_sum(self) -> list[Launch]:
@@ -258,37 +252,45 @@ class SurfelGrid:
         if isinstance(self._scan, BlockScan):
             cells = self.grid.cells
             return self._scan.launches(self.counts, self._length, self.starts, cells)
-        program = self.device.program("gibs/sort.cl", self.defines)
-        begin = Launch(program, "begin_lists", (self.starts, self.counts), items=self.grid.cells)
+        args = (reads("starts", self.starts), writes("ends", self.counts))
+        begin = Launch(self._program(), "begin_lists", args, items=self.grid.cells)
         return [*self._scan.launches(self.counts, self.starts), begin]
 
     def finalise(self, alive: Callable[[], int]) -> list[Launch]:
         """IDs into the lists."""
         s = self.surfels
-        program = self.device.program("gibs/sort.cl", self.defines)
+        program = self._program()
         args = (
-            s.frame,
-            self.table,
-            s.alive_ids,
-            s.world_position,
-            s.world_normal,
-            s.radii,
-            self.starts,
-            self.counts,
-            self.ids,
+            reads("frame", s.frame),
+            reads("grid", self.table),
+            reads("alive_ids", s.alive_ids),
+            reads("world_position", s.world_position),
+            reads("world_normal", s.world_normal),
+            reads("radii", s.radii),
+            reads("starts", self.starts),
+            updates("cursors", self.counts),
+            updates("ids", self.ids),
         )
         write = Launch(program, "finalise", args, items=alive)
         if self.packed is None:
             return [write]
-        geometry = (s.world_position, s.world_normal, s.radii, s.mean, s.nearest)
+        lists = (reads("starts", self.starts), reads("ids", self.ids))
+        geometry = (
+            reads("world_position", s.world_position),
+            reads("world_normal", s.world_normal),
+            reads("radii", s.radii),
+            reads("mean", s.mean),
+            reads("nearest", s.nearest),
+        )
+        order = (reads("starts", self.starts), updates("ids", self.ids))
         cells = self.grid.cells
         return [
             write,
-            Launch(program, "sort_lists", (self.starts, self.ids), items=cells),
+            Launch(program, "sort_lists", order, items=cells),
             Launch(
                 program,
                 "pack_lists",
-                (self.starts, self.ids, *geometry, self.packed),
+                (*lists, *geometry, updates("packed", self.packed)),
                 items=cells,
             ),
         ]
@@ -297,9 +299,17 @@ class SurfelGrid:
         """The surfels' present irradiance beside the lists; nothing to do as published."""
         if self.packed is None:
             return []
-        program = self.device.program("gibs/sort.cl", self.defines)
-        args = (self.starts, self.ids, self.surfels.mean, self.surfels.nearest, self.packed)
-        return [Launch(program, "pack_irradiance", args, items=self.grid.cells)]
+        args = (
+            reads("starts", self.starts),
+            reads("ids", self.ids),
+            reads("mean", self.surfels.mean),
+            reads("nearest", self.surfels.nearest),
+            updates("packed", self.packed),
+        )
+        return [Launch(self._program(), "pack_irradiance", args, items=self.grid.cells)]
+
+    def _program(self) -> ProgramSpec:
+        return ProgramSpec("gibs/sort.cl", self.defines)
 
     def entered(self) -> int:
         """Entries that surfels have in the lists, those that found no room included."""

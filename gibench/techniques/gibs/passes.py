@@ -8,15 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from gibench.device import Buffer, Device, Program
+from gibench.device import (
+    Argument,
+    Buffer,
+    Device,
+    Launch,
+    ProgramSpec,
+    count_rays,
+    integer,
+    local,
+    reads,
+    scalar,
+    updates,
+    writes,
+)
 from gibench.scene.model import Scene
 from gibench.techniques.gibs.grid import SurfelGrid
 from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import tiled_pixels
-from gibench.techniques.technique import Argument, Launch, LocalMemory, Work
+from gibench.techniques.technique import Work
 
 PLACEMENT_TILE = 16  # kernels_cl/gibs/life.cl
 COVERAGE_STEPS = 4096
@@ -122,15 +134,16 @@ class FramePasses:
         g, grid = self.surfels.geometry, self.grid
         packed = grid.ids if grid.packed is None else grid.packed
         return (
-            grid.table,
-            *grid.list_bounds,
-            grid.ids,
-            packed,
-            g.world_position,
-            g.world_normal,
-            g.radii,
-            g.mean,
-            self.surfels.moments,
+            reads("grid", grid.table),
+            reads("starts", grid.starts),
+            reads("ends", grid.counts),
+            reads("ids", grid.ids),
+            reads("packed", packed),
+            reads("world_position", g.world_position),
+            reads("world_normal", g.world_normal),
+            reads("radii", g.radii),
+            reads("mean", g.mean),
+            reads("moments", self.surfels.moments),
         )
 
     @property
@@ -151,46 +164,68 @@ class FramePasses:
         def launch(kernel: str, *args: Argument) -> Launch:
             return Launch(program, kernel, args, items=self.alive)
 
-        rays = (s.ray_first, s.ray_light, s.ray_choice)
-        learnt = (s.estimator, s.moments, g.nearest, s.guides)
+        frame = reads("frame", g.frame)
+        alive_ids = reads("alive_ids", g.alive_ids)
         return [
-            launch("request_rays", g.frame, g.alive_ids, s.estimator, s.seen, s.marks),
+            launch(
+                "request_rays",
+                frame,
+                alive_ids,
+                reads("estimator", s.estimator),
+                reads("seen", s.seen),
+                writes("requests", s.marks),
+            ),
             # The first word of `frame` is the number of surfels alive.
             *s.scan.launches(s.marks, g.frame, s.before, self.alive),
-            launch("assign_rays", g.frame, s.before, s.ray_first, s.ray_owner),
-            self._trace(program),
-            launch("update_surfels", g.frame, g.alive_ids, *rays, g.radii, *learnt),
+            launch(
+                "assign_rays",
+                frame,
+                reads("before", s.before),
+                writes("ray_first", s.ray_first),
+                writes("ray_owner", s.ray_owner),
+            ),
+            self._trace(),
+            launch(
+                "update_surfels",
+                frame,
+                alive_ids,
+                reads("ray_first", s.ray_first),
+                reads("ray_light", s.ray_light),
+                reads("ray_choice", s.ray_choice),
+                reads("radii", g.radii),
+                updates("estimator", s.estimator),
+                updates("moments", s.moments),
+                updates("nearest", g.nearest),
+                updates("guides", s.guides),
+            ),
         ]
 
-    def _trace(self, program: Program) -> Launch:
+    def _trace(self) -> Launch:
         s, g = self.surfels, self.surfels.geometry
         args = (
-            g.frame,
-            g.alive_ids,
-            s.births,
-            s.ray_first,
-            s.ray_owner,
-            s.estimator,
-            s.guides,
+            reads("frame", g.frame),
+            reads("alive_ids", g.alive_ids),
+            reads("births", s.births),
+            reads("ray_first", s.ray_first),
+            reads("ray_owner", s.ray_owner),
+            reads("estimator", s.estimator),
+            reads("guides", s.guides),
             *self.scene.bvh_args,
             *self.scene.surface_args,
             *self.scene.light_args,
             *self.scene.environment_args,
             *self.gather_args,
-            s.ray_light,
-            s.ray_choice,
+            writes("ray_light", s.ray_light),
+            writes("ray_choice", s.ray_choice),
         )
-        return Launch(program, "trace_rays", args, items=self.rays)
+        return Launch(self._program("irradiance"), "trace_rays", args, items=self.rays)
 
     def with_shadow_rays(self, work: Work, workgroup_size: int) -> Work:
         """The irradiance pass's work with the shadow rays where its rays hit. Surfels recycled at
         the frame's end have left their rays to those that moved to their places in the list.
         """
-        device, light = self.scene.device, self.surfels.ray_light
-        program = self.scene.program("gibs/irradiance.cl", {**self.defines, "COUNT_RAYS": 1})
-        prepare_launch(device, self._trace(program), workgroup_size).enqueue(device.queue)
-        shadow_rays = device.read(light)[: self.rays(), 0].sum(dtype=np.float64)
-        return replace(work, rays=work.rays + float(shadow_rays))
+        traced = count_rays(self.scene.device, self._trace(), workgroup_size)
+        return replace(work, rays=work.rays + traced.occluded)
 
     def gbuffer(self) -> list[Launch]:
         """Primary rays and direct light."""
@@ -201,11 +236,11 @@ class FramePasses:
             *self.scene.light_args,
             *self.scene.environment_args,
             *self.scene.camera_args,
-            v.object_of,
-            v.position,
-            v.normal,
-            v.albedo,
-            v.direct,
+            reads("object_of", v.object_of),
+            writes("g_position", v.position),
+            writes("g_normal", v.normal),
+            writes("g_albedo", v.albedo),
+            writes("direct", v.direct),
         )
         return [Launch(self._program("application"), "gbuffer", args, items=self.pixel_items)]
 
@@ -213,16 +248,16 @@ class FramePasses:
         """The surfels' light on every pixel, and their coverage of it."""
         v = self.view
         args = (
-            self.surfels.geometry.frame,
+            reads("frame", self.surfels.geometry.frame),
             *self.gather_args,
-            *self.scene.camera_args[1:],
-            v.position,
-            v.normal,
-            v.albedo,
-            v.direct,
-            self.surfels.seen,
-            v.indirect,
-            self.scene.image,
+            *self.scene.size_args,
+            reads("g_position", v.position),
+            reads("g_normal", v.normal),
+            reads("g_albedo", v.albedo),
+            reads("direct", v.direct),
+            updates("seen", self.surfels.seen),
+            writes("indirect", v.indirect),
+            writes("image", self.scene.image),
         )
         apply = Launch(self._program("application"), "application", args, items=self.pixel_items)
         return [*self.grid.refresh_irradiance(), apply]
@@ -230,13 +265,24 @@ class FramePasses:
     def gather_points(self, position: Buffer, normal: Buffer, out: Buffer) -> Launch:
         """Indirect irradiance and coverage (n, 4) at points (n, 3)."""
         count = position.shape[0]
-        args = (*self.gather_args, position, normal, np.int32(count), out)
+        args = (
+            *self.gather_args,
+            reads("position", position),
+            reads("normal", normal),
+            integer("count", count),
+            writes("indirect", out),
+        )
         return Launch(self._program("application"), "gather_points", args, items=count)
 
     def coverage(self) -> list[Launch]:
         """The least covered pixel of every tile."""
         v = self.view
-        args = (v.position, v.indirect, *self.scene.camera_args[1:], v.least)
+        args = (
+            reads("g_position", v.position),
+            reads("indirect", v.indirect),
+            *self.scene.size_args,
+            writes("least", v.least),
+        )
         tiles = tiles_of(self.scene.width, self.scene.height)
         return [Launch(self._program("life"), "coverage", args, groups=tiles)]
 
@@ -246,27 +292,27 @@ class FramePasses:
         threshold = round(self.settings.placement_threshold * COVERAGE_STEPS)
         chance = min(round(self.settings.placement_chance * 2**32), 2**32 - 1)
         args = (
-            g.frame,
-            v.least,
-            *self.scene.camera_args[1:],
-            np.uint32(min(threshold, 2**24 - 1)),
-            np.uint32(chance),
-            v.position,
-            v.normal,
-            g.transforms,
-            s.counters,
-            s.free_ids,
-            g.alive_ids,
-            g.object_ids,
-            g.local_position,
-            g.local_normal,
-            s.births,
-            s.seen,
-            s.estimator,
-            s.moments,
-            g.nearest,
-            s.guides,
-            LocalMemory(8 * self.workgroup_size),
+            reads("frame", g.frame),
+            reads("least", v.least),
+            *self.scene.size_args,
+            scalar("threshold", np.uint32(min(threshold, 2**24 - 1))),
+            scalar("chance", np.uint32(chance)),
+            reads("g_position", v.position),
+            reads("g_normal", v.normal),
+            reads("transforms", g.transforms),
+            updates("counters", s.counters),
+            reads("free_ids", s.free_ids),
+            updates("alive_ids", g.alive_ids),
+            updates("object_ids", g.object_ids),
+            updates("local_position", g.local_position),
+            updates("local_normal", g.local_normal),
+            updates("births", s.births),
+            updates("seen", s.seen),
+            updates("estimator", s.estimator),
+            updates("moments", s.moments),
+            updates("nearest", g.nearest),
+            updates("guides", s.guides),
+            local("partial", 8 * self.workgroup_size),
         )
         return [Launch(self._program("life"), "placement", args, groups=1)]
 
@@ -279,21 +325,44 @@ class FramePasses:
             return Launch(program, kernel, args, items=self.alive_or_placed)
 
         heuristic = (
-            np.float32(settings.recycle_chance),
-            np.float32(settings.recycle_unseen_frames),
-            np.float32(self.far_distance),
-            np.float32(settings.recycle_pressure_from),
-            np.float32(settings.recycle_coverage),
+            scalar("chance", np.float32(settings.recycle_chance)),
+            scalar("unseen_frames", np.float32(settings.recycle_unseen_frames)),
+            scalar("far_distance", np.float32(self.far_distance)),
+            scalar("pressure_from", np.float32(settings.recycle_pressure_from)),
+            scalar("most_coverage", np.float32(settings.recycle_coverage)),
         )
-        choose = (g.alive_ids, s.counters, s.seen, s.births, *heuristic, s.marks)
-        move = (s.counters, s.marks, s.before, s.survivors, s.free_ids, g.object_ids)
+        alive_ids = reads("alive_ids", g.alive_ids)
         return [
-            launch("recycling_choose", g.frame, *self.gather_args, *choose),
+            launch(
+                "recycling_choose",
+                reads("frame", g.frame),
+                *self.gather_args,
+                alive_ids,
+                reads("counters", s.counters),
+                reads("seen", s.seen),
+                reads("births", s.births),
+                *heuristic,
+                writes("keep", s.marks),
+            ),
             # The first counter is the number of surfels alive.
             *s.scan.launches(s.marks, s.counters, s.before, self.alive_or_placed),
-            launch("recycling_move", g.alive_ids, *move),
-            launch("recycling_commit", s.survivors, g.alive_ids, s.counters),
+            launch(
+                "recycling_move",
+                alive_ids,
+                updates("counters", s.counters),
+                reads("keep", s.marks),
+                reads("before", s.before),
+                writes("survivors", s.survivors),
+                updates("free_ids", s.free_ids),
+                updates("object_ids", g.object_ids),
+            ),
+            launch(
+                "recycling_commit",
+                reads("survivors", s.survivors),
+                updates("alive_ids", g.alive_ids),
+                updates("counters", s.counters),
+            ),
         ]
 
-    def _program(self, name: str) -> Program:
+    def _program(self, name: str) -> ProgramSpec:
         return self.scene.program(f"gibs/{name}.cl", self.defines)

@@ -7,9 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.device import Buffer, Device
+from gibench.device import (
+    Argument,
+    Buffer,
+    Device,
+    Launch,
+    ProgramSpec,
+    local,
+    reads,
+    updates,
+    writes,
+)
 from gibench.errors import CannotRun
-from gibench.techniques.technique import Launch, LocalMemory
 
 SCAN_ITEMS = 16  # kernels_cl/parts/scan.cl
 
@@ -60,15 +69,21 @@ class WaveScan:
 
     def launches(self, values: Buffer, prefix: Buffer) -> list[Launch]:
         """Scan ``values`` (n,) uint32 into ``prefix`` (n,) uint32."""
-        program = self.device.program("parts/scan.cl", {"WAVE": self.wave})
-        local = LocalMemory(8 * self.workgroup_size)
+        program = ProgramSpec("parts/scan.cl", {"WAVE": self.wave})
+        partial = local("partial", 8 * self.workgroup_size)
         sources = (values, *self.totals[:-1])
         targets = (prefix, *self.totals[:-1])
         result = [
             Launch(
                 program,
                 "scan_waves",
-                (source, length, target, totals, local),
+                (
+                    reads("values", source),
+                    reads("length", length),
+                    writes("prefix", target),
+                    writes("totals", totals),
+                    partial,
+                ),
                 items=n,
                 workgroup_size=self.workgroup_size,
             )
@@ -77,7 +92,11 @@ class WaveScan:
             )
         ]
         for level in range(len(self.counts) - 2, -1, -1):
-            args = (targets[level], self.lengths[level], targets[level + 1])
+            args = (
+                updates("prefix", targets[level]),
+                reads("length", self.lengths[level]),
+                reads("offsets", targets[level + 1]),
+            )
             result.append(Launch(program, "scan_add", args, items=self.counts[level]))
         return result
 
@@ -145,23 +164,34 @@ class BlockScan:
             prefix: where to; the total stands behind the n prefixes.
             count: n as the host knows it, or a function that tells it before every frame.
         """
-        program = self.device.program("parts/scan.cl")
-        local = LocalMemory(8 * self.workgroup_size)
+        program = ProgramSpec("parts/scan.cl")
+        partial = local("partial", 8 * self.workgroup_size)
 
         def groups() -> int:
             return self.blocks(count() if callable(count) else count, self.workgroup_size)
 
-        def launch(kernel: str, *args: Buffer) -> Launch:
+        def launch(kernel: str, *args: Argument) -> Launch:
             return Launch(
                 program,
                 kernel,
-                (*args, local),
+                (*args, partial),
                 groups=(lambda: min(groups(), 1)) if kernel == "scan_sums" else groups,
                 workgroup_size=self.workgroup_size,
             )
 
         return [
-            launch("scan_block_sums", values, length, self.sums),
-            launch("scan_sums", self.sums, length),
-            launch("scan_blocks", values, length, self.sums, prefix),
+            launch(
+                "scan_block_sums",
+                reads("values", values),
+                reads("length", length),
+                writes("sums", self.sums),
+            ),
+            launch("scan_sums", updates("sums", self.sums), reads("length", length)),
+            launch(
+                "scan_blocks",
+                reads("values", values),
+                reads("length", length),
+                reads("sums", self.sums),
+                writes("prefix", prefix),
+            ),
         ]

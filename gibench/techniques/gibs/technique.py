@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Buffer, Device
+from gibench.device import Buffer, Device, Launch
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.gibs.grid import (
@@ -33,11 +33,10 @@ from gibench.techniques.gibs.surfels import (
 )
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.job import Job, World
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.parts.shared_passes import with_shadow_rays
 from gibench.techniques.registry import PUBLISHED
-from gibench.techniques.technique import CAMERA, GI, FloatArray, Launch, Pass, Work
+from gibench.techniques.technique import CAMERA, GI, FloatArray, Pass, Work
 
 
 class Gibs:
@@ -220,7 +219,7 @@ class Gibs:
                 self.device.empty("receiver_indirect", (len(receivers), 4), np.float32),
             )
         launch = self._passes.gather_points(*self._receivers)
-        prepare_launch(self.device, launch, self._job.group_size).enqueue(self.device.queue)
+        self.device.enqueue(launch, self._job.group_size)
         return self.device.read(self._receivers[2])
 
     def life(self) -> dict[str, int]:

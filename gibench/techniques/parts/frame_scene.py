@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gibench.device import Buffer, Device, Program
+from gibench.device import Argument, Buffer, Device, ProgramSpec, integer, reads
 from gibench.device.build import Define
 from gibench.rays.bvh import Bvh, build_bvh
 from gibench.rays.device_bvh import DeviceBvh
@@ -23,7 +23,7 @@ from gibench.techniques.parts.moving_geometry import (
     transform_table,
 )
 from gibench.techniques.parts.surfaces import Surfaces
-from gibench.techniques.technique import Argument, Pass
+from gibench.techniques.technique import Pass
 
 
 def frame_scene_bytes(
@@ -103,19 +103,26 @@ class FrameScene:
         self.width, self.height = width, height
         self.bvh = build_bvh(scene.corners) if bvh is None else bvh
         tree = DeviceBvh.upload(device, self.bvh)
-        self.bvh_args: tuple[Buffer, ...] = tree.args
+        self.bvh_args = tree.args
         self.surfaces = Surfaces.upload(device, scene)
         rows, columns = scene.environment.pixels.shape[:2]
         environment = device.upload("environment", scene.environment.pixels)
         self.environment_args: tuple[Argument, ...] = (
-            environment,
-            np.int32(columns),
-            np.int32(rows),
+            reads("environment", environment),
+            integer("environment_width", columns),
+            integer("environment_height", rows),
         )
         self._lights = device.upload("lights", light_table(scene.lights_at(0)))
-        self.light_args: tuple[Argument, ...] = (self._lights, np.int32(len(scene.lights)))
+        self.light_args: tuple[Argument, ...] = (
+            reads("lights", self._lights),
+            integer("light_count", len(scene.lights)),
+        )
         self._view = device.upload("camera", camera_table(camera, width, height))
-        self.camera_args: tuple[Argument, ...] = (self._view, np.int32(width), np.int32(height))
+        self.size_args: tuple[Argument, ...] = (
+            integer("width", width),
+            integer("height", height),
+        )
+        self.camera_args: tuple[Argument, ...] = (reads("camera", self._view), *self.size_args)
         self.image = device.empty("image", (height, width, 3), np.float32)
         self._transforms: Buffer | None = None
         self._moving: MovingGeometry | None = None
@@ -149,17 +156,13 @@ class FrameScene:
         )
 
     @property
-    def surface_args(self) -> tuple[Buffer, ...]:
+    def surface_args(self) -> tuple[Argument, ...]:
         """The surfaces in the order of SURFACE_PARAMS."""
         return self.surfaces.args
 
-    def program(self, path: str, defines: Mapping[str, Define] | None = None) -> Program:
-        """Build a program that reads the scene, with the macros that such programs need.
-
-        Raises:
-            GibenchError: the compiler refuses it.
-        """
-        return self.device.program(path, {**SCENE_MACROS, **(defines or {})})
+    def program(self, path: str, defines: Mapping[str, Define] | None = None) -> ProgramSpec:
+        """A program that reads the scene, with the macros that such programs need."""
+        return ProgramSpec(path, {**SCENE_MACROS, **(defines or {})})
 
     @property
     def nbytes(self) -> int:

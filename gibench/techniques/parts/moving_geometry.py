@@ -10,18 +10,26 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Floats
-from gibench.device import Buffer, Device
+from gibench.device import (
+    Buffer,
+    Device,
+    Launch,
+    ProgramSpec,
+    integer,
+    reads,
+    updates,
+)
 from gibench.rays.bvh import Bvh
 from gibench.rays.device_bvh import DeviceBvh
 from gibench.rays.refit import RefitPlan
 from gibench.scene.model import Scene
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.techniques.technique import GEOMETRY, Launch, Pass, Work
+from gibench.techniques.technique import GEOMETRY, Pass, Work
 
 TRANSFORM_FLOATS = 12
 """3 x 4, row-major."""
 
-SOURCE = "rays/refit.cl"
+SOURCE = ProgramSpec("rays/refit.cl")
 _POINT_FLOPS, _DIRECTION_FLOPS = 18, 15
 
 
@@ -147,40 +155,39 @@ class MovingGeometry:
     def _move_vertices(self) -> Sequence[Launch]:
         count = self.vertices.shape[0]
         args = (
-            self.transforms,
-            self.vertices,
-            self.vertex_objects,
-            self.rest_positions,
-            self.rest_normals,
-            np.int32(count),
-            self.positions,
-            self.normals,
+            reads("transforms", self.transforms),
+            reads("vertices", self.vertices),
+            reads("vertex_objects", self.vertex_objects),
+            reads("rest_positions", self.rest_positions),
+            reads("rest_normals", self.rest_normals),
+            integer("count", count),
+            updates("positions", self.positions),
+            updates("normals", self.normals),
         )
-        return [Launch(self.device.program(SOURCE), "move_vertices", args, items=count)]
+        return [Launch(SOURCE, "move_vertices", args, items=count)]
 
     def _refit_leaves(self) -> Sequence[Launch]:
         count = self.triangle_slots.shape[0]
         args = (
-            self.triangle_slots,
-            np.int32(count),
-            self.triangles,
-            self.positions,
-            self.tree.triangles,
+            reads("slots", self.triangle_slots),
+            integer("count", count),
+            reads("triangles", self.triangles),
+            reads("positions", self.positions),
+            updates("blocks", self.tree.triangles),
         )
-        return [Launch(self.device.program(SOURCE), "refit_leaves", args, items=count)]
+        return [Launch(SOURCE, "refit_leaves", args, items=count)]
 
     def _refit_nodes(self) -> Sequence[Launch]:
-        program = self.device.program(SOURCE)
         return [
             Launch(
-                program,
+                SOURCE,
                 "refit_nodes",
                 (
-                    self.node_slots,
-                    np.int32(first),
-                    np.int32(count),
-                    self.tree.triangles,
-                    self.tree.nodes,
+                    reads("slots", self.node_slots),
+                    integer("first", first),
+                    integer("count", count),
+                    reads("bvh_triangles", self.tree.triangles),
+                    updates("nodes", self.tree.nodes),
                 ),
                 items=count,
             )

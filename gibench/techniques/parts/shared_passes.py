@@ -10,20 +10,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.device import Buffer, Device
+from gibench.device import (
+    Argument,
+    Buffer,
+    Device,
+    Launch,
+    ProgramSpec,
+    count_rays,
+    integer,
+    reads,
+    updates,
+    writes,
+)
 from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import DirectionalLight, SpotLight
-from gibench.techniques.launching import prepare_launch
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
 from gibench.techniques.technique import (
     CAMERA,
     CAMERA_AND_GI,
-    Argument,
     FloatArray,
-    Launch,
     Pass,
     Stage,
     Technique,
@@ -62,15 +70,15 @@ def lightmap_update(
         args: tuple[Argument, ...] = (
             *scene.bvh_args,
             *scene.light_args,
-            receivers.position,
-            receivers.normal,
-            receivers.albedo,
-            receivers.emission,
-            receivers.texel,
-            np.int32(count),
-            indirect,
-            np.int32(bounces),
-            radiance,
+            reads("position", receivers.position),
+            reads("normal", receivers.normal),
+            reads("albedo", receivers.albedo),
+            reads("emission", receivers.emission),
+            reads("texel", receivers.texel),
+            integer("count", count),
+            reads("indirect", indirect),
+            integer("bounces", bounces),
+            updates("radiance", radiance),
         )
         return [Launch(program, "lightmap_update", args, items=count)]
 
@@ -119,15 +127,18 @@ def dilate(receivers: FrameLightmap, target: Buffer, border: Buffer | None = Non
         border: the texels to fill (``border_texels``, uploaded), or None to look at all of them,
             as published.
     """
-    size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
+    shown = (
+        updates("map", target),
+        integer("width", receivers.lightmap.width),
+        integer("height", receivers.lightmap.height),
+    )
 
     def launches() -> Sequence[Launch]:
-        program = receivers.device.program("parts/dilate.cl")
+        program = ProgramSpec("parts/dilate.cl")
         if border is None:
-            args: tuple[Argument, ...] = (target, *size)
-            return [Launch(program, "dilate", args, items=receivers.texels)]
+            return [Launch(program, "dilate", shown, items=receivers.texels)]
         count = border.shape[0]
-        args = (target, *size, border, np.int32(count))
+        args = (*shown, reads("border", border), integer("count", count))
         return [Launch(program, "dilate_border", args, items=count)]
 
     filled, read, pairs = dilated_texels(receivers.lightmap)
@@ -157,7 +168,6 @@ def forward_launch(
     indirect: Buffer | None = None,
     show: int = SHOW_DIRECT | SHOW_INDIRECT,
     packets: bool = False,
-    count_rays: bool = False,
 ) -> Launch:
     """The launch that renders the camera image.
 
@@ -167,29 +177,30 @@ def forward_launch(
         indirect: dilated map of indirect irradiance; None for direct light only.
         show: sum of SHOW_DIRECT and SHOW_INDIRECT.
         packets: trace as many rays together as a vector holds (see :func:`suits_packets`).
-        count_rays: write the number of shadow rays instead of light; not with ``packets``.
     """
     source = "parts/forward_packet.cl" if packets else "parts/forward_render.cl"
     packet = packet_rays(scene.device) if packets else 1
     defines = {"INDIRECT": int(indirect is not None)}
     if packets:
         defines["PACKET"] = packet
-    if count_rays:
-        defines["COUNT_RAYS"] = 1
     program = scene.program(source, defines)
     lookup: tuple[Argument, ...] = ()
     if indirect is not None and receivers is not None:
-        size = (np.int32(receivers.lightmap.width), np.int32(receivers.lightmap.height))
-        lookup = (receivers.uvs, indirect, *size)
+        lookup = (
+            reads("lightmap_uvs", receivers.uvs),
+            reads("irradiance_map", indirect),
+            integer("lightmap_width", receivers.lightmap.width),
+            integer("lightmap_height", receivers.lightmap.height),
+        )
     args = (
         *scene.bvh_args,
         *scene.surface_args,
         *scene.light_args,
         *scene.environment_args,
         *scene.camera_args,
-        np.int32(show),
+        integer("show", show),
         *lookup,
-        scene.image,
+        writes("image", scene.image),
     )
     items = tiled_pixels(scene.width, scene.height) // packet
     return Launch(program, "forward_render", args, items=items)
@@ -227,10 +238,9 @@ def with_shadow_rays(scene: FrameScene, work: Work) -> Callable[[int], Work]:
     """
 
     def counted(workgroup_size: int) -> Work:
-        launch = forward_launch(scene, show=SHOW_DIRECT, count_rays=True)
-        prepare_launch(scene.device, launch, workgroup_size).enqueue(scene.device.queue)
-        shadow_rays = float(scene.device.read(scene.image)[..., 0].sum(dtype=np.float64))
-        return replace(work, rays=work.rays + shadow_rays)
+        launch = forward_launch(scene, show=SHOW_DIRECT)
+        rays = count_rays(scene.device, launch, workgroup_size)
+        return replace(work, rays=work.rays + rays.occluded)
 
     return counted
 
@@ -245,5 +255,5 @@ def rendered(
 ) -> FloatArray:
     """Render the camera image once more with the device's present state, (h, w, 3) W/m2/sr."""
     launch = forward_launch(scene, receivers, indirect, show, packets)
-    prepare_launch(scene.device, launch, workgroup_size).enqueue(scene.device.queue)
+    scene.device.enqueue(launch, workgroup_size)
     return scene.device.read(scene.image)

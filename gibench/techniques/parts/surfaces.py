@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibench.device import Buffer, Device
+from gibench.device import Argument, Buffer, Device, reads
 from gibench.scene.model import Scene
 from gibench.techniques.parts.material_table import (
     material_bytes,
@@ -68,16 +68,16 @@ class Surfaces:
         return int(geometry + material_bytes(len(scene.materials)) + 4 * texels + 4 * 256)
 
     @property
-    def args(self) -> tuple[Buffer, ...]:
-        """In the order of SURFACE_PARAMS."""
+    def args(self) -> tuple[Argument, ...]:
+        """SURFACE_PARAMS of kernels_cl/common/material.cl."""
         return (
-            self.positions,
-            self.normals,
-            self.uvs,
-            self.triangles,
-            self.material_ids,
-            self.materials,
-            self.material_textures,
-            self.texels,
-            self.srgb_to_linear,
+            reads("positions", self.positions),
+            reads("normals", self.normals),
+            reads("uvs", self.uvs),
+            reads("triangles", self.triangles),
+            reads("material_ids", self.material_ids),
+            reads("materials", self.materials),
+            reads("material_textures", self.material_textures),
+            reads("texels", self.texels),
+            reads("srgb_to_linear", self.srgb_to_linear),
         )

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Program
+from gibench.device import Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
 from gibench.techniques.parts.shared_passes import dilate
 from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import pack_published, pack_samples
 from gibench.techniques.srp.storage import STORAGE_BYTES, STORAGE_MACRO
-from gibench.techniques.technique import Launch, LocalMemory, Pass
+from gibench.techniques.technique import Pass
 
 
 def published_bytes(sizes: TransportSizes, storage: str, texels: int) -> int:
@@ -43,13 +43,13 @@ class Published:
         self.radiance = given.receivers.new_map("radiance")
         lists = pack_samples(bake.relight)
         self._lists = (
-            device.upload("hit_start", lists.hit_start),
-            device.upload("hit_sample", lists.hit_sample),
-            device.upload("hit_texel", lists.hit_texel),
-            device.upload("miss_start", lists.miss_start),
-            device.upload("miss_sample", lists.miss_sample),
-            device.upload("relight_directions", bake.relight.directions),
-            device.upload("relight_basis", bake.relight.basis),
+            reads("hit_start", device.upload("hit_start", lists.hit_start)),
+            reads("hit_sample", device.upload("hit_sample", lists.hit_sample)),
+            reads("hit_texel", device.upload("hit_texel", lists.hit_texel)),
+            reads("miss_start", device.upload("miss_start", lists.miss_start)),
+            reads("miss_sample", device.upload("miss_sample", lists.miss_sample)),
+            reads("directions", device.upload("relight_directions", bake.relight.directions)),
+            reads("basis", device.upload("relight_basis", bake.relight.basis)),
         )
         packed = pack_published(bake, texel, given.storage)
         self._clusters = device.upload("clusters", packed.clusters)
@@ -91,46 +91,46 @@ class Published:
                 f"profile {device.profile.name} has {device.profile.local_memory_bytes:,}",
                 mend="lower --workgroup-size",
             )
-        program = device.program("srp/published_probes.cl", {"CHUNK": chunk})
+        program = ProgramSpec("srp/published_probes.cl", {"CHUNK": chunk})
         args = (
-            given.turns.state,
+            reads("frame_state", given.turns.state),
             *self._lists,
-            np.int32(given.sizes.coefficients),
-            self.radiance,
+            integer("coefficients", given.sizes.coefficients),
+            reads("radiance", self.radiance),
             *given.scene.environment_args,
-            self._lambda,
-            LocalMemory(chunk * per_coefficient),
+            updates("lambda", self._lambda),
+            local("sums", chunk * per_coefficient),
         )
         return [Launch(program, "probe_update", args, groups=given.turns.count)]
 
     def _projected(self) -> Sequence[Launch]:
         rows = self.given.sizes.rows
         args = (
-            self._clusters,
-            self._row_cluster,
-            self._columns,
-            self._projection,
-            self._scale,
-            self._lambda,
-            np.int32(rows),
-            self._basis,
+            reads("clusters", self._clusters),
+            reads("row_cluster", self._row_cluster),
+            reads("columns", self._columns),
+            reads("projection", self._projection),
+            reads("scale", self._scale),
+            reads("lambda", self._lambda),
+            integer("rows", rows),
+            writes("basis", self._basis),
         )
         return [Launch(self._program(), "cluster_projection", args, items=rows)]
 
     def _transported(self) -> Sequence[Launch]:
         receivers = self.given.sizes.receivers
         args = (
-            self._clusters,
-            self._receiver_cluster,
-            self._reconstruction,
-            self._first_value,
-            self._texel,
-            self._basis,
-            np.int32(receivers),
-            self.given.indirect,
+            reads("clusters", self._clusters),
+            reads("receiver_cluster", self._receiver_cluster),
+            reads("reconstruction", self._reconstruction),
+            reads("first_value", self._first_value),
+            reads("texel", self._texel),
+            reads("basis", self._basis),
+            integer("receivers", receivers),
+            updates("indirect", self.given.indirect),
         )
         return [Launch(self._program(), "irradiance_transport", args, items=receivers)]
 
-    def _program(self) -> Program:
+    def _program(self) -> ProgramSpec:
         defines = {"STORAGE": STORAGE_MACRO[self.given.storage], "VEC": 1}
-        return self.given.scene.device.program("srp/published_transport.cl", defines)
+        return ProgramSpec("srp/published_transport.cl", defines)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibench.arrays import Floats
+from gibench.device import Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
 from gibench.scene.lightmap import Lightmap
 from gibench.techniques.parts.frame_lightmap import border_texels
@@ -22,7 +23,7 @@ from gibench.techniques.srp.pack import (
     sample_sources,
 )
 from gibench.techniques.srp.storage import STORAGE_BYTES, STORAGE_MACRO
-from gibench.techniques.technique import Launch, LocalMemory, Pass
+from gibench.techniques.technique import Pass
 
 # Vectors of coefficients one work-item of the probe update sums at most: three channels of four
 # 16-float vectors leave half of AVX-512's 32 registers to operands.
@@ -129,14 +130,14 @@ class Tuned:
             "CHUNK": chunk,
             "STRIDE": self._stride,
         }
-        program = device.program("srp/tuned_probes.cl", defines)
+        program = ProgramSpec("srp/tuned_probes.cl", defines)
         args = (
-            self.given.turns.state,
-            self._source,
-            self._relight_basis,
-            self.radiance,
-            self._lambda,
-            LocalMemory(12 * chunk),
+            reads("frame_state", self.given.turns.state),
+            reads("source", self._source),
+            reads("basis", self._relight_basis),
+            reads("radiance", self.radiance),
+            updates("lambda", self._lambda),
+            local("gathered", 12 * chunk),
         )
         return [Launch(program, "probe_update", args, groups=self.given.turns.count)]
 
@@ -149,29 +150,29 @@ class Tuned:
             "STRIDE": self._stride,
             "SHARE": self._share,
         }
-        program = self.given.scene.device.program("srp/tuned_projection.cl", defines)
+        program = ProgramSpec("srp/tuned_projection.cl", defines)
         count = self._row_blocks.shape[0]
         args = (
-            self._row_blocks,
-            np.int32(count),
-            self._probes,
-            self._projection,
-            self._scale,
-            self._lambda,
-            self._basis,
+            reads("blocks", self._row_blocks),
+            integer("count", count),
+            reads("probes", self._probes),
+            reads("projection", self._projection),
+            reads("scale", self._scale),
+            reads("lambda", self._lambda),
+            writes("basis", self._basis),
         )
         return [Launch(program, "cluster_projection", args, groups=-(-count // self._share))]
 
     def _transported(self) -> Sequence[Launch]:
         defines = {"STORAGE": STORAGE_MACRO[self.given.storage], "VEC": self._width}
-        program = self.given.scene.device.program("srp/tuned_transport.cl", defines)
+        program = ProgramSpec("srp/tuned_transport.cl", defines)
         count = self._receiver_blocks.shape[0]
         args = (
-            self._receiver_blocks,
-            np.int32(count),
-            self._reconstruction,
-            self._texel,
-            self._basis,
-            self.given.indirect,
+            reads("blocks", self._receiver_blocks),
+            integer("count", count),
+            reads("reconstruction", self._reconstruction),
+            reads("texel", self._texel),
+            reads("basis", self._basis),
+            updates("indirect", self.given.indirect),
         )
         return [Launch(program, "irradiance_transport", args, items=count)]

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from support.gibs_surfels import any_size_device, defines, frame_words, run
-
-from gibench.techniques.technique import Launch
+from support.launches import launch_of
 
 LUMA = np.array([0.299, 0.587, 0.114])
 SIZES = (1, 24, 64, 256)
@@ -69,7 +68,7 @@ def test_update_surfels_equals_numpy(rng, size, floored):
         nearest,
         state[2],
     )
-    run(device, [Launch(program, "update_surfels", args, items=n)], size)
+    run(device, [launch_of(program, "update_surfels", args, items=n)], size)
 
     e64, m64, g64 = (a.astype(np.float64) for a in (estimator, moments, guides))
     for place, surfel in enumerate(ids):
@@ -124,7 +123,7 @@ def test_the_floored_estimator_is_right_on_average_however_few_rays_are_bright(r
             device.upload("radii", np.ones(n, np.float32)),
             *state,
         )
-        run(device, [Launch(program, "update_surfels", args, items=n)])
+        run(device, [launch_of(program, "update_surfels", args, items=n)])
         found[floored] = device.read(state[0])[0].astype(np.float64)
     # A mean over 256 rays of variance 1 / share - 1; four standard errors of n of them, and what
     # catching up with the short mean leaves (measured 1.8 % at a share of 1 in 20).
@@ -152,7 +151,7 @@ def test_rays_are_shared_out_exactly_and_in_proportion(rng, size, rays):
     total = np.zeros(n)
     for number in range(1, 21):
         device.write(frame, frame_words(n, frame=number, rays=rays))
-        run(device, [Launch(program, "assign_rays", args, items=n)], size)
+        run(device, [launch_of(program, "assign_rays", args, items=n)], size)
         got = np.diff(device.read(first).astype(np.int64))
         assert got.sum() == rays
         np.testing.assert_array_equal(device.read(owner), np.repeat(np.arange(n), got))
@@ -177,6 +176,6 @@ def test_visible_and_inconsistent_surfels_ask_for_more():
         device.upload("seen", seen),
         requests,
     )
-    run(device, [Launch(program, "request_rays", args, items=n)])
+    run(device, [launch_of(program, "request_rays", args, items=n)])
     # (0.125 + inconsistency, at most 4) in 1/256, a quarter of it out of sight.
     np.testing.assert_array_equal(device.read(requests), [57, 288, 14, 72, 1056])

@@ -15,11 +15,12 @@ from support.gibs_surfels import (
     surfel_grid,
     unit_vectors,
 )
+from support.launches import launch_of
 from support.vector_widths import widths
 
 from gibench.device import kernel_source
 from gibench.techniques.gibs.grid import PerspectiveGrid, UniformGrid
-from gibench.techniques.technique import Launch
+from gibench.techniques.parts.macros import SCENE_MACROS
 
 # -- gathering --------------------------------------------------------------------------------
 
@@ -118,12 +119,14 @@ def test_gathering_equals_the_sum_over_all_surfels(rng, kind, published, vec, de
     facing = (normal[near] + 0.3 * rng.normal(size=(points, 3))).astype(np.float32)
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
     program = device.program(
-        "gibs/application.cl", {**sorter.defines, "VEC": vec, "DEPTH": depth, "GUIDING": False}
+        "gibs/application.cl",
+        {**SCENE_MACROS, **sorter.defines, "VEC": vec, "DEPTH": depth, "GUIDING": False},
     )
     out = device.empty("out", (points, 4), np.float32)
     args = (
         sorter.table,
-        *sorter.list_bounds,
+        sorter.starts,
+        sorter.counts,
         sorter.ids,
         sorter.packed or sorter.ids,
         surfels.world_position,
@@ -136,7 +139,7 @@ def test_gathering_equals_the_sum_over_all_surfels(rng, kind, published, vec, de
         np.int32(points),
         out,
     )
-    run(device, [Launch(program, "gather_points", args, items=points)])
+    run(device, [launch_of(program, "gather_points", args, items=points)])
     radius, mean = device.read(surfels.radii), device.read(surfels.mean).T
     p, m = (device.read(b).T.astype(np.float64) for b in (surfels.world_position,
                                                          surfels.world_normal))  # fmt: skip
@@ -206,7 +209,7 @@ def test_every_tile_finds_its_least_covered_pixel(rng, size, width, height):
         least,
     )
     program = device.program("gibs/life.cl", defines(10))
-    run(device, [Launch(program, "coverage", args, groups=across * down)], size)
+    run(device, [launch_of(program, "coverage", args, groups=across * down)], size)
     expected = np.full(across * down, 0xFFFFFFFF, np.uint64)
     steps = np.minimum(np.rint(np.float32(covered) * np.float32(4096)), 2**24 - 1)
     for y in range(height):

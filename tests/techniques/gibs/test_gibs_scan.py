@@ -8,14 +8,13 @@ import pytest
 from gibench.device import Device
 from gibench.profiles import load_profile
 from gibench.techniques.gibs.scan import BlockScan, WaveScan
-from gibench.techniques.launching import prepare_launch
 
 LENGTHS = (1, 2, 31, 32, 33, 255, 256, 257, 4096, 4097, 65_537, 1_000_003)
 
 
 def run(device, launches, workgroup_size):
     for launch in launches:
-        prepare_launch(device, launch, workgroup_size).enqueue(device.queue)
+        device.enqueue(launch, workgroup_size)
 
 
 def waves(device, values, size):
