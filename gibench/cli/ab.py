@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def ab(
     old: Annotated[str, typer.Argument(metavar="OLD", help="The baseline: a folder or revision.")],
-    new: Annotated[str, typer.Argument(metavar="NEW", help="What is judged, likewise.")] = ".",
+    new: Annotated[str, typer.Argument(metavar="NEW", help="The one to judge, likewise.")] = ".",
     scene: Annotated[
         str, typer.Option("--scene", "-s", metavar="NAME|FILE", help="Scene to run.")
     ] = "cornell-box",
@@ -26,10 +26,10 @@ def ab(
         str, typer.Option("--technique", "-t", metavar="NAME", help="Technique to run.")
     ] = "srp",
     variant: Annotated[
-        str, typer.Option("--variant", metavar="published|tuned", help="Its variant.")
+        str, typer.Option("--variant", metavar="published|tuned", help="The technique's variant.")
     ] = "tuned",
     device_profile: Annotated[
-        str, typer.Option("--device-profile", "-d", metavar="NAME|FILE", help="Whose limits bind.")
+        str, typer.Option("--device-profile", "-d", metavar="NAME|FILE", help="Device to model.")
     ] = "iphone7",
     sh_order: Annotated[
         int | None, typer.Option("--sh-order", metavar="0-7", help="As in 'gibench run'.")
@@ -60,10 +60,10 @@ def ab(
         ),
     ] = None,
     seconds: Annotated[
-        float, typer.Option("--seconds", min=1, metavar="S", help="Begin no further pair after.")
+        float, typer.Option("--seconds", min=1, metavar="S", help="Start no pair later than this.")
     ] = 100.0,
     frames: Annotated[
-        int, typer.Option("--frames", "-n", min=1, metavar="N", help="Measured per process.")
+        int, typer.Option("--frames", "-n", min=1, metavar="N", help="Frames per process.")
     ] = 24,
     seed: options.Seed = 0,
     cache_dir: options.CacheDir = None,

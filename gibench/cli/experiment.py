@@ -12,7 +12,8 @@ from gibench.cli import options
 
 def experiment(
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Which; without it, they are listed.")
+        str | None,
+        typer.Argument(metavar="NAME", help="The experiment; alone, all are listed."),
     ] = None,
     quick: Annotated[
         bool,
@@ -26,7 +27,7 @@ def experiment(
             "--device-profile",
             "-d",
             metavar="NAME|FILE",
-            help="Whose limits bind; by default the experiment's own.",
+            help="Devices to model; by default the experiment's own.",
         ),
     ] = None,
     scene: Annotated[
@@ -47,8 +48,8 @@ def experiment(
             "-n",
             min=1,
             metavar="N",
-            help="Timed per point; a flight, and what follows a switched light, take eight times "
-            "as many.",
+            help="Frames timed per point; a flight, and frames after a switched light, take eight "
+            "times as many.",
         ),
     ] = 30,
     resolution: Annotated[
@@ -63,8 +64,8 @@ def experiment(
             "--out",
             "-o",
             metavar="DIR",
-            help="Its folder; by default results/experiments/NAME. What it holds already is not "
-            "measured again.",
+            help="Folder for its results; by default results/experiments/NAME. Points already there "
+            "are not measured again.",
         ),
     ] = None,
     seed: options.Seed = 0,

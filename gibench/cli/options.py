@@ -39,7 +39,7 @@ Profile = Annotated[
         "--device-profile",
         "-d",
         metavar="NAME|FILE",
-        help="Whose limits bind.",
+        help="Device to model: its limits bind.",
         rich_help_panel=GRID,
     ),
 ]
@@ -131,7 +131,7 @@ Seed = Annotated[
         min=0,
         max=2**32 - 1,
         metavar="N",
-        help="Of every random choice: same seed, same images.",
+        help="Seed of every random choice: same seed, same images.",
         rich_help_panel=OUTPUT,
     ),
 ]

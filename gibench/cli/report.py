@@ -24,7 +24,7 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="Where; by default report.html in the first run's folder, Markdown to standard "
+            help="File to write; by default report.html in the first run's folder, Markdown to standard "
             "output.",
         ),
     ] = None,
