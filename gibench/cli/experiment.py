@@ -64,8 +64,8 @@ def experiment(
             "--out",
             "-o",
             metavar="DIR",
-            help="Folder for its results; by default results/experiments/NAME. Points already there "
-            "are not measured again.",
+            help="Folder for its results; by default results/experiments/NAME. Points already "
+            "there are not measured again.",
         ),
     ] = None,
     seed: options.Seed = 0,

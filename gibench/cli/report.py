@@ -24,8 +24,8 @@ def report(
             "--out",
             "-o",
             metavar="FILE",
-            help="File to write; by default report.html in the first run's folder, Markdown to standard "
-            "output.",
+            help="File to write; by default report.html in the first run's folder, Markdown to "
+            "standard output.",
         ),
     ] = None,
 ) -> None:
