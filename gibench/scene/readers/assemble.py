@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from gibench.scene.defaults import scene_of
 from gibench.scene.model import Scene
+from gibench.scene.readers.backs import apart, with_backs
 from gibench.scene.readers.clean import clean
 from gibench.scene.readers.content import Content
 from gibench.scene.readers.realise import realised
@@ -24,5 +25,8 @@ def assembled(name: str, content: Content, where: object) -> Scene:
         BadInput: no usable triangle is left.
     """
     content, origin = recentred(realised(content))
-    scene = scene_of(name, clean(content, where), content)
+    fronts = clean(content, where)
+    mesh = with_backs(fronts, content.materials, content.lights, content.cameras)
+    mesh = apart(mesh, backs=len(mesh.triangles) - len(fronts.triangles))
+    scene = scene_of(name, mesh, content)
     return replace(scene, origin=origin) if any(origin) else scene
