@@ -8,7 +8,7 @@
 #include "common/pixels.cl"
 #include "common/sampling.cl"
 #include "common/shade.cl"
-#include "ddgi/gather.cl"
+#include "parts/probe_gather.cl"
 
 // application: one work-item per pixel, in tiled order (common/pixels.cl).
 //   radiance = emission + albedo / pi (direct + gathered irradiance), the environment on a miss,

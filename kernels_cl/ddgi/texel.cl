@@ -1,32 +1,11 @@
 // A texel's moving average: what both variants of blending end with.
 //
-// Macros besides those of ddgi/volume.cl: HYSTERESIS, GAMMA, IRRADIANCE_THRESHOLD,
+// Macros besides those of parts/probe_gather.cl: HYSTERESIS, GAMMA, IRRADIANCE_THRESHOLD,
 // BRIGHTNESS_THRESHOLD, MAX_BACKFACES (rays on backs from which irradiance is not updated).
 #ifndef GIBENCH_DDGI_TEXEL
 #define GIBENCH_DDGI_TEXEL
 
-#include "ddgi/volume.cl"
-
-// Random bits of a number (Wellons 2018, "Prospecting for Hash Functions", lowbias32).
-inline uint random_bits(uint x)
-{
-    x = (x ^ (x >> 16)) * 0x7feb352du;
-    x = (x ^ (x >> 15)) * 0x846ca68bu;
-    return x ^ (x >> 16);
-}
-
-#if HALF_STORAGE
-// Values >= 0 rounded to what fp16 holds, up or down at random so that the mean stays: a moving
-// average moves by less than fp16's step and would stand still if it were rounded to the nearest.
-inline float4 rounded4(float4 v, uint key)
-{
-    const uint a = random_bits(key), b = random_bits(a);
-    const uint4 bits = as_uint4(v) + ((uint4)(a, a >> 16, b, b >> 16) & 0x1fffu);
-    return as_float4(bits & ~0x1fffu);
-}
-#else
-#define rounded4(v, key) (v)
-#endif
+#include "parts/probe_gather.cl"
 
 inline float luminance(float3 c)
 {

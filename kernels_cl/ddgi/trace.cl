@@ -1,6 +1,6 @@
 // What the probes see: rays through the scene, and the light that comes back along them.
 //
-// Besides the macros of ddgi/volume.cl: RAYS per probe, of which the first FIXED are not rotated and
+// Besides the macros of parts/probe_volume.cl: RAYS per probe, of which the first FIXED are not rotated and
 // not blended, and BLENDED = RAYS - FIXED; LANES, see ddgi/rays.cl.
 #include "common/bvh.cl"
 #include "common/environment.cl"
@@ -8,7 +8,7 @@
 #include "common/material.cl"
 #include "common/sampling.cl"
 #include "common/shade.cl"
-#include "ddgi/gather.cl"
+#include "parts/probe_gather.cl"
 #include "ddgi/rays.cl"
 
 inline float3 triangle_normal(__global const float *positions, __global const int *triangles,

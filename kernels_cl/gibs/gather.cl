@@ -14,7 +14,7 @@
 
 #include "common/vec_width.cl"
 #include "gibs/frame.cl"
-#include "gibs/grid.cl"
+#include "parts/surfel_grid.cl"
 #include "gibs/depth.cl"
 
 // mean: (3, CAPACITY) W/m2. moments: see gibs/depth.cl; read only with DEPTH.

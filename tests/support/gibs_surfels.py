@@ -6,8 +6,9 @@ import numpy as np
 
 from gibench.device import Device
 from gibench.profiles import load_profile
-from gibench.techniques.gibs.grid import NEIGHBOURS, SurfelGeometry, SurfelGrid, UniformGrid
 from gibench.techniques.parts.macros import SCENE_MACROS
+from gibench.techniques.parts.surfel_grid import NEIGHBOURS, SurfelGrid, UniformGrid
+from gibench.techniques.parts.surfels import SurfelGeometry
 
 STRETCH = 4.0  # what the tests and benchmarks of sorting use
 BOUNDS = (np.zeros(3), np.array([1.0, 0.7, 0.9]))

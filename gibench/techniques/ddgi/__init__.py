@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.blending import Published
+from gibench.techniques.ddgi.placement import make_volume
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.technique import Ddgi
-from gibench.techniques.ddgi.volume import Volume, make_volume
 from gibench.techniques.parts.frame_scene import frame_scene_bytes
+from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
 
 __all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]

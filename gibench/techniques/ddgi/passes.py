@@ -266,7 +266,7 @@ class DdgiPasses:
 
     def _borders(self) -> Sequence[Launch]:
         p = self.probes
-        program = ProgramSpec("ddgi/probes.cl", self._defines())
+        program = ProgramSpec("parts/border_copy.cl")
         launches = []
         for maps, side in (
             (p.irradiance, p.settings.irradiance_texels),

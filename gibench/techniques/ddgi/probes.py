@@ -9,10 +9,11 @@ import numpy as np
 
 from gibench.device import Argument, Buffer, Device, reads
 from gibench.device.build import Define
+from gibench.techniques.ddgi.placement import ray_directions
 from gibench.techniques.ddgi.settings import DdgiSettings
-from gibench.techniques.ddgi.volume import Volume, ray_directions
+from gibench.techniques.parts.probe_volume import Volume
 
-# Bits of a probe's state, kernels_cl/ddgi/volume.cl.
+# Bits of a probe's state, kernels_cl/parts/probe_gather.cl.
 ACTIVE = 1
 BLENDED = 2
 USABLE = ACTIVE | BLENDED
@@ -107,12 +108,12 @@ class Probes:
 
     @property
     def volume_args(self) -> tuple[Argument, ...]:
-        """VOLUME_PARAMS of kernels_cl/ddgi/volume.cl."""
+        """VOLUME_PARAMS of kernels_cl/parts/probe_gather.cl."""
         return reads("volume", self.table), reads("probe_data", self.data)
 
     @property
     def map_args(self) -> tuple[Argument, ...]:
-        """MAP_PARAMS of kernels_cl/ddgi/volume.cl."""
+        """MAP_PARAMS of kernels_cl/parts/probe_gather.cl."""
         return (
             reads("irradiance_maps", self.irradiance),
             reads("distance_maps", self.distance),

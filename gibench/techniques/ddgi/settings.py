@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 from gibench.errors import BadInput
+from gibench.techniques.parts.probe_volume import (
+    AUTO,
+    Counts,
+    Triple,
+    parse_counts,
+    parse_triple,
+)
 
 STORAGES: Final = ("fp32", "fp16")
-AUTO: Final = "auto"
-
-Counts = tuple[int, int, int]
-Triple = tuple[float, float, float]
 
 
 def _setting(default: Any, meaning: str, unit: str = "") -> Any:
@@ -161,39 +163,20 @@ class DdgiSettings:
     @property
     def given_counts(self) -> Counts | None:
         """Probes along x, y and z, or None for automatic."""
-        if self.counts == AUTO:
-            return None
-        match = re.fullmatch(r"(\d+)x(\d+)x(\d+)", self.counts.strip().lower())
-        if match is None or 0 in (found := tuple(int(n) for n in match.groups())):
-            raise BadInput(
-                f"counts is '{self.counts}'", mend="give three whole numbers of 1 or more: 20x10x10"
-            )
-        return found[0], found[1], found[2]
+        return parse_counts(self.counts)
 
     @property
     def given_origin(self) -> Triple | None:
         """The first probe's place, m, or None for automatic."""
-        return _triple("origin", self.origin)
+        return parse_triple("origin", self.origin)
 
     @property
     def given_spacing(self) -> Triple | None:
         """Distances between probes, m, or None for automatic."""
-        return _triple("spacing", self.spacing)
+        return parse_triple("spacing", self.spacing)
 
 
 _NOT_NEGATIVE = ("irradiance_threshold", "brightness_threshold", "normal_bias", "view_bias",
                  "min_frontface_distance")  # fmt: skip
 _SHARES = ("random_backface_threshold", "fixed_backface_threshold", "visibility_floor",
            "crush_threshold")  # fmt: skip
-
-
-def _triple(name: str, text: str) -> Triple | None:
-    if text == AUTO:
-        return None
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise BadInput(f"{name} is '{text}'", mend="give three lengths: 1.5,1,1.5") from None
-    if not all(math.isfinite(v) for v in (x, y, z)):
-        raise BadInput(f"{name} is '{text}'", mend="give three finite lengths")
-    return x, y, z

@@ -13,10 +13,10 @@ from gibench.techniques.ddgi.blending import Blending, Published, Tuned, lanes_o
 from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
-from gibench.techniques.ddgi.volume import Volume
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
+from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.parts.shared_passes import rendered
 from gibench.techniques.registry import TUNED
 from gibench.techniques.technique import FloatArray, Pass

@@ -23,11 +23,11 @@ from gibench.device import (
     writes,
 )
 from gibench.scene.model import Scene
-from gibench.techniques.gibs.grid import SurfelGrid
 from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import tiled_pixels
+from gibench.techniques.parts.surfel_grid import SurfelGrid
 from gibench.techniques.technique import Work
 
 PLACEMENT_TILE = 16  # kernels_cl/gibs/life.cl

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibench.device import Buffer, Device
-from gibench.techniques.gibs.grid import SurfelGeometry
-from gibench.techniques.gibs.scan import BlockScan
 from gibench.techniques.gibs.settings import GibsSettings
+from gibench.techniques.parts.scan import BlockScan
+from gibench.techniques.parts.surfels import SurfelGeometry
 
 FRAME_WORDS = 10  # kernels_cl/gibs/frame.cl
 COUNT_WORDS = 5

@@ -13,13 +13,6 @@ import numpy.typing as npt
 from gibench.device import Buffer, Device, Launch
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
-from gibench.techniques.gibs.grid import (
-    NEIGHBOURS,
-    Grid,
-    PerspectiveGrid,
-    SurfelGrid,
-    UniformGrid,
-)
 from gibench.techniques.gibs.passes import CameraView, FramePasses, tiles_of
 from gibench.techniques.gibs.settings import PERSPECTIVE, GibsSettings
 from gibench.techniques.gibs.surfels import (
@@ -35,6 +28,13 @@ from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
 from gibench.techniques.parts.shared_passes import with_shadow_rays
+from gibench.techniques.parts.surfel_grid import (
+    NEIGHBOURS,
+    Grid,
+    PerspectiveGrid,
+    SurfelGrid,
+    UniformGrid,
+)
 from gibench.techniques.registry import PUBLISHED
 from gibench.techniques.technique import CAMERA, GI, FloatArray, Pass, Work
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from gibench.techniques.technique import Work
 
 _TRANSFORM_FLOPS = 18 + 15 + 9 + 1  # a point, a direction, a distance, a radius
-# The cells a surfel goes into (kernels_cl/gibs/grid.cl), of a uniform grid and without its rows:
-# a point's cell; or the ellipsoid's box, two points' cells and the slab.
+# The cells a surfel goes into (kernels_cl/parts/surfel_grid.cl), of a uniform grid and without its
+# rows: a point's cell; or the ellipsoid's box, two points' cells and the slab.
 _CELL_FLOPS = 6
 _REACHED_FLOPS = 26 + 2 * 9 + 21
 _ESTIMATOR_FLOPS = 90  # kernels_cl/gibs/estimator.cl, three channels

@@ -19,8 +19,8 @@ from support.launches import launch_of
 from support.vector_widths import widths
 
 from gibench.device import kernel_source
-from gibench.techniques.gibs.grid import PerspectiveGrid, UniformGrid
 from gibench.techniques.parts.macros import SCENE_MACROS
+from gibench.techniques.parts.surfel_grid import PerspectiveGrid, UniformGrid
 
 # -- gathering --------------------------------------------------------------------------------
 

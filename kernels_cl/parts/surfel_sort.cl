@@ -1,6 +1,6 @@
 // Sorting surfels into the grid: count, (prefix sum: parts/scan.cl,) finalise.
 // Ekberg 2022, section 4.2. Built with CAPACITY (surfels), ENTRIES (room in the lists), the grid's
-// macros (gibs/grid.cl) and PUBLISHED.
+// macros (parts/surfel_grid.cl) and PUBLISHED.
 //
 // published: `ends` holds the counts, is scanned into `starts`, is set to it, and becomes the lists'
 //   ends while finalise writes. List of cell c: ids[starts[c]] to ids[ends[c] - 1], in any order.
@@ -10,7 +10,7 @@
 // An entry that finds no room is dropped; the total tells.
 #include "common/rigid.cl"
 #include "gibs/frame.cl"
-#include "gibs/grid.cl"
+#include "parts/surfel_grid.cl"
 
 // clear_counts: one work-item per cell (published only).
 __kernel void clear_counts(__global uint *ends)

@@ -9,8 +9,8 @@
 // slices that grow by a constant factor, so that a cell grows with its distance.
 //   grid: 0-2 the camera, m; 3 half the cube's side, m; 4 cells per metre in the cube;
 //         5 slices per unit of log(depth)
-#ifndef GIBENCH_GIBS_GRID
-#define GIBENCH_GIBS_GRID
+#ifndef GIBENCH_SURFEL_GRID
+#define GIBENCH_SURFEL_GRID
 
 #include "common/vec.cl"
 

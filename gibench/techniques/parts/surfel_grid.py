@@ -1,4 +1,4 @@
-"""The acceleration grid: its shape, and the passes that sort surfels into it."""
+"""A grid over surfels: its shape, and the passes that sort surfels into it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats
 from gibench.device import Buffer, Device, Launch, ProgramSpec, reads, updates, writes
-from gibench.techniques.gibs.scan import BlockScan, WaveScan, wave_of
+from gibench.techniques.parts.scan import BlockScan, WaveScan, wave_of
+from gibench.techniques.parts.surfels import SurfelGeometry
 
 PACKED_ROWS = 11  # kernels_cl/gibs/frame.cl
 PACKED_PADDING = 16  # kernels_cl/gibs/frame.cl, PACKED_STRIDE
@@ -61,12 +62,12 @@ class UniformGrid:
 
     @property
     def defines(self) -> dict[str, int]:
-        """Macros of kernels_cl/gibs/grid.cl."""
+        """Macros of kernels_cl/parts/surfel_grid.cl."""
         x, y, z = self.shape
         return {"GRID_PERSPECTIVE": 0, "GRID_X": x, "GRID_Y": y, "GRID_Z": z}
 
     def table(self, camera: Sequence[float]) -> Floats:
-        """What kernels_cl/gibs/grid.cl reads, (8,) float32; the same for every camera."""
+        """What kernels_cl/parts/surfel_grid.cl reads, (8,) float32; the same for every camera."""
         return np.array([*self.lower, self.cell, 1 / self.cell, 0, 0, 0], np.float32)
 
 
@@ -106,53 +107,21 @@ class PerspectiveGrid:
 
     @property
     def defines(self) -> dict[str, int]:
-        """Macros of kernels_cl/gibs/grid.cl."""
+        """Macros of kernels_cl/parts/surfel_grid.cl."""
         return {"GRID_PERSPECTIVE": 1, "GRID_N": self.divisions, "GRID_SLICES": self.slices}
 
     def table(self, camera: Sequence[float]) -> Floats:
-        """What kernels_cl/gibs/grid.cl reads for a camera at ``camera`` (3,) m, (8,) float32."""
+        """What kernels_cl/parts/surfel_grid.cl reads, (8,) float32.
+
+        Args:
+            camera: where it is (3,), m.
+        """
         cells_per_metre = self.divisions / (2 * self.half_side)
         slices = 1 / math.log1p(2 / self.divisions)
         return np.array([*camera, self.half_side, cells_per_metre, slices, 0, 0], np.float32)
 
 
 Grid = UniformGrid | PerspectiveGrid
-
-
-@dataclass(frozen=True)
-class SurfelGeometry:
-    """The buffers of the surfels that sorting reads and writes; see kernels_cl/gibs/sort.cl.
-
-    Attributes:
-        frame: (10,) uint32 what changes with the frame (kernels_cl/gibs/frame.cl).
-        alive_ids: (capacity,) uint32.
-        object_ids: (capacity,) int32, from 1; 0 is a surfel that is not placed.
-        transforms: (objects, 12) float32, object to world, 3 x 4 row-major.
-        local_position: (3, capacity) float32 in object space, m.
-        local_normal: (3, capacity) float32 in object space, unit.
-        world_position: (3, capacity) float32, m.
-        world_normal: (3, capacity) float32, unit.
-        radii: (capacity,) float32, m.
-        mean: (3 or more, capacity) float32; rows 0-2 are the irradiance, W/m2.
-        nearest: (capacity,) float32 least mean depth, m.
-    """
-
-    frame: Buffer
-    alive_ids: Buffer
-    object_ids: Buffer
-    transforms: Buffer
-    local_position: Buffer
-    local_normal: Buffer
-    world_position: Buffer
-    world_normal: Buffer
-    radii: Buffer
-    mean: Buffer
-    nearest: Buffer
-
-    @property
-    def capacity(self) -> int:
-        """Number of surfels there is room for."""
-        return self.alive_ids.shape[0]
 
 
 class SurfelGrid:
@@ -309,7 +278,7 @@ class SurfelGrid:
         return [Launch(self._program(), "pack_irradiance", args, items=self.grid.cells)]
 
     def _program(self) -> ProgramSpec:
-        return ProgramSpec("gibs/sort.cl", self.defines)
+        return ProgramSpec("parts/surfel_sort.cl", self.defines)
 
     def entered(self) -> int:
         """Entries that surfels have in the lists, those that found no room included."""

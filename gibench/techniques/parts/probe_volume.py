@@ -1,10 +1,11 @@
-"""Where the probes are, and which rays they cast."""
+"""A regular grid of probes: where they are."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +13,12 @@ import numpy.typing as npt
 from gibench.arrays import Doubles, Floats
 from gibench.errors import BadInput
 from gibench.scene.model import Scene
-from gibench.techniques.ddgi.settings import Counts, DdgiSettings, Triple
 
-PROBES_PER_SRP_PROBE = 8  # our choice: half of SRP's probe distance along every axis
+AUTO: Final = "auto"
+"""What a user writes for a volume that fits the scene."""
+
+Counts = tuple[int, int, int]
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -63,34 +67,34 @@ class Volume:
         return replace(self, origin=(ox, oy, oz), scroll=(sx, sy, sz))
 
     def table(self) -> Floats:
-        """What kernels_cl/ddgi/volume.cl reads: origin, spacing, scroll; (9,) float32."""
+        """What kernels_cl/parts/probe_volume.cl reads: origin, spacing, scroll; (9,) float32."""
         stored = np.mod(self.scroll, self.counts)
         return np.concatenate([self.origin, self.spacing, stored]).astype(np.float32)
 
 
-def make_volume(scene: Scene, settings: DdgiSettings) -> Volume:
-    """The volume that the settings ask for.
+def given_volume(scene: Scene, counts: Counts, origin: Triple, spacing: Triple) -> Volume:
+    """The volume that a user gives.
+
+    Args:
+        scene: that it is for.
+        counts: probes along x, y and z.
+        origin: of the first probe, m.
+        spacing: between probes, m.
 
     Raises:
         BadInput: it misses the scene.
     """
     low, high = scene.bounds
-    counts = settings.given_counts
-    origin, spacing = settings.given_origin, settings.given_spacing
-    if origin is None or spacing is None:
-        budget = settings.probes or PROBES_PER_SRP_PROBE * scene.probes.count
-        return fit_volume(low, high, counts or fit_counts(low, high, budget))
-    assert counts is not None  # the settings refuse it
-    volume = Volume(origin, spacing, counts)
     first = np.array(origin) - spacing
     last = np.array(origin) + np.array(counts) * np.array(spacing)
     if (first > high).any() or (last < low).any():
         raise BadInput(
-            f"the volume of {'x'.join(str(c) for c in counts)} probes from {settings.origin} "
-            f"misses the scene '{scene.name}', which lies between {_point(low)} and {_point(high)}",
+            f"the volume of {'x'.join(str(c) for c in counts)} probes from "
+            f"{','.join(f'{v:g}' for v in origin)} misses the scene '{scene.name}', which lies "
+            f"between {_point(low)} and {_point(high)}",
             mend="change origin, spacing or counts",
         )
-    return volume
+    return Volume(origin, spacing, counts)
 
 
 def fit_volume(low: Doubles, high: Doubles, counts: Counts) -> Volume:
@@ -121,37 +125,37 @@ def fit_counts(low: Doubles, high: Doubles, budget: int) -> Counts:
     return found
 
 
-def spherical_fibonacci(count: int) -> Doubles:
-    """``count`` directions (count, 3) spread evenly over the sphere.
+def parse_counts(text: str) -> Counts | None:
+    """Probes along x, y and z as a user writes them, ``20x10x10``; None for automatic.
 
-    Keinert et al. 2015, "Spherical Fibonacci Mapping", equation 2.
+    Raises:
+        BadInput: it is not that.
     """
-    i = np.arange(count)
-    azimuth = 2 * np.pi * np.mod(i * ((math.sqrt(5) - 1) / 2), 1)
-    z = 1 - (2 * i + 1) / count
-    r = np.sqrt(np.maximum(1 - z * z, 0))
-    return np.stack([r * np.cos(azimuth), r * np.sin(azimuth), z], axis=1)
+    if text == AUTO:
+        return None
+    match = re.fullmatch(r"(\d+)x(\d+)x(\d+)", text.strip().lower())
+    if match is None or 0 in (found := tuple(int(n) for n in match.groups())):
+        raise BadInput(
+            f"counts is '{text}'", mend="give three whole numbers of 1 or more: 20x10x10"
+        )
+    return found[0], found[1], found[2]
 
 
-def random_rotation(rng: np.random.Generator) -> Doubles:
-    """A rotation matrix (3, 3), uniform over all (Shoemake 1992: a uniform unit quaternion)."""
-    quaternion = rng.normal(size=4)
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def parse_triple(name: str, text: str) -> Triple | None:
+    """Three lengths, m, as a user writes them, ``1.5,1,1.5``; None for automatic.
 
-
-def ray_directions(settings: DdgiSettings, seed: int, frame: int) -> Floats:
-    """A frame's ray directions (rays, 3): the fixed ones, then the rotated ones."""
-    rotation = random_rotation(np.random.default_rng((seed, frame)))
-    rotated = spherical_fibonacci(settings.blended) @ rotation.T
-    directions = np.concatenate([spherical_fibonacci(settings.fixed), rotated])
-    return directions.astype(np.float32)
+    Raises:
+        BadInput: it is not that; the message has the setting's ``name``.
+    """
+    if text == AUTO:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(f"{name} is '{text}'", mend="give three lengths: 1.5,1,1.5") from None
+    if not all(math.isfinite(v) for v in (x, y, z)):
+        raise BadInput(f"{name} is '{text}'", mend="give three finite lengths")
+    return x, y, z
 
 
 def _point(p: npt.NDArray[Any]) -> str:

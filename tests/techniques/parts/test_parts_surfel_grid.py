@@ -18,7 +18,7 @@ from support.gibs_surfels import (
 
 from gibench.device import Device
 from gibench.profiles import load_profile
-from gibench.techniques.gibs.grid import PerspectiveGrid, UniformGrid
+from gibench.techniques.parts.surfel_grid import PerspectiveGrid, UniformGrid
 
 STRETCH = 4.0
 BOUNDS = (np.array([-1.0, 0.0, 2.0]), np.array([1.0, 1.5, 3.0]))

@@ -7,7 +7,7 @@ import pytest
 
 from gibench.device import Device
 from gibench.profiles import load_profile
-from gibench.techniques.gibs.scan import BlockScan, WaveScan
+from gibench.techniques.parts.scan import BlockScan, WaveScan
 
 LENGTHS = (1, 2, 31, 32, 33, 255, 256, 257, 4096, 4097, 65_537, 1_000_003)
 

@@ -1,20 +1,78 @@
-// The eight-probe gather.
+// The light that a volume's probes hold, at a surface.
 //
 // Irradiance, W/m2, at a surface with unit normal: the eight probes around it, each weighed by
 // trilinear distance, by how far it is in front of the surface and by the Chebyshev test on its
 // distances. Majercik et al. 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance
 // Fields", section 5; constants of RTXGI-DDGI 1.3.7.
 //
-// VEC (1 as published): from 8 on, the weights of the eight probes are computed at once.
-#ifndef GIBENCH_DDGI_GATHER
-#define GIBENCH_DDGI_GATHER
+// Macros besides those of parts/probe_volume.cl and parts/octahedral_maps.cl: IRRADIANCE_SIDE and
+// DISTANCE_SIDE (texels of a map's side without its border); DECODE_HALVES (gamma where it is a whole
+// number, else 0) and DECODE (gamma / 2); NORMAL_BIAS, VIEW_BIAS (m), VISIBILITY_FLOOR,
+// CRUSH_THRESHOLD; VEC (1 as published): from 8 on, the weights of the eight probes are computed at
+// once.
+//
+// irradiance_maps  per probe (side + 2)^2 texels of 4: (half the mean incoming radiance, weighed by
+//                  the cosine)^(1/gamma), rows upwards; the fourth is not used
+// distance_maps    per probe (side + 2)^2 texels of 2: mean and mean square of the distance, in
+//                  units of max_distance, so that fp16 holds them in scenes of any size
+#ifndef GIBENCH_PROBE_GATHER
+#define GIBENCH_PROBE_GATHER
 
-#include "ddgi/volume.cl"
+#include "parts/octahedral_maps.cl"
+#include "parts/probe_volume.cl"
 
-#define IRRADIANCE_MAP ((IRRADIANCE_SIDE + 2) * (IRRADIANCE_SIDE + 2)) // texels, borders counted
-#define DISTANCE_MAP ((DISTANCE_SIDE + 2) * (DISTANCE_SIDE + 2))
+#define IRRADIANCE_TEXELS (IRRADIANCE_SIDE * IRRADIANCE_SIDE)
+#define DISTANCE_TEXELS (DISTANCE_SIDE * DISTANCE_SIDE)
+#define IRRADIANCE_MAP MAP_TEXELS(IRRADIANCE_SIDE)
+#define DISTANCE_MAP MAP_TEXELS(DISTANCE_SIDE)
 #define LEAST_TRILINEAR 0.001f
 #define LEAST_WEIGHT 1e-6f
+
+#define MAP_PARAMS __global const map_t *irradiance_maps, __global const map_t *distance_maps
+#define MAP_ARGS irradiance_maps, distance_maps
+
+// Stored irradiance to the square root of what it stands for. The probes' average is taken of
+// these and squared afterwards (RTXGI-DDGI 1.3.7).
+inline float4 decoded_root(float4 stored)
+{
+#if DECODE_HALVES
+    float4 value = DECODE_HALVES % 2 ? sqrt(stored) : (float4)(1.0f);
+    for (int i = 0; i < DECODE_HALVES / 2; ++i)
+        value *= stored;
+    return value;
+#else
+    return powr(stored, (float4)(DECODE));
+#endif
+}
+
+// How far from the surface a gather is done, along the normal and towards the viewer.
+inline float3 surface_bias(float3 normal, float3 towards_viewer)
+{
+    return normal * NORMAL_BIAS + towards_viewer * VIEW_BIAS;
+}
+
+// Bilinear value of a probe's irradiance map, as the square root of half the mean radiance.
+//   first     the upper left texel's place among all maps' texels
+//   fraction  from map_corner
+inline float4 irradiance_root(__global const map_t *irradiance_maps, size_t first, float2 fraction)
+{
+    const size_t below = first + IRRADIANCE_SIDE + 2;
+    const float4 upper = mix(map_load4(first, irradiance_maps),
+                             map_load4(first + 1, irradiance_maps), fraction.x);
+    const float4 lower = mix(map_load4(below, irradiance_maps),
+                             map_load4(below + 1, irradiance_maps), fraction.x);
+    return decoded_root(mix(upper, lower, fraction.y));
+}
+
+// Bilinear mean and mean square of the distance in a probe's map, from its upper left texel on.
+inline float2 distance_moments(__global const map_t *distance_maps, size_t first, float2 fraction)
+{
+    // Two texels of two at a time.
+    __global const map_t *upper = distance_maps + 2 * first;
+    __global const map_t *lower = upper + 2 * (DISTANCE_SIDE + 2);
+    const float4 both = mix(map_load4(0, upper), map_load4(0, lower), fraction.y);
+    return mix(both.xy, both.zw, fraction.x);
+}
 
 #if VEC >= 8
 
