@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.shared_builds import share_builds
+
+share_builds()
 
 _SEED = pytest.StashKey[int]()
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 from support.oclgrind_runner import SCRIPTS, needs_oclgrind, under_oclgrind
 
 from gibench.device import list_devices
@@ -16,10 +18,12 @@ from gibench.device.build import vector_width
 
 sys.path.insert(0, str(SCRIPTS))
 
-from cases import BAKES, FRAMES, MOVING, OTHERS, Case
+from cases import BAKES, FRAMES, MOVING, OTHERS, SLOW_BAKES, SLOW_FRAMES, Case
 from recording import all_kernels
 
 CASES = [*BAKES, *FRAMES, *MOVING, *OTHERS]
+SLOW = [pytest.param(case, marks=pytest.mark.slow) for case in (*SLOW_BAKES, *SLOW_FRAMES)]
+BAKE_OF_FRAMES = Case("bake", 1, 1, "srp")
 
 
 def arguments(cache: Path, *cases: Case) -> list[str]:
@@ -38,24 +42,48 @@ def natively(cache: Path, *cases: Case) -> set[str]:
     return set(ran.stdout.split())
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the frames find their bake, made without the simulator: baking is a case of its own."""
-    folder = tmp_path_factory.mktemp("baked")
-    natively(folder, next(case for case in BAKES if case.width == 1))
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that all workers of a run see."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "oclgrind"
+    folder.mkdir(exist_ok=True)
     return folder
 
 
+@pytest.fixture(scope="session")
+def cache(shared: Path) -> Path:
+    """Where the frames find their bake, made without the simulator: baking is a case of its own."""
+    folder = shared / "baked"
+    with FileLock(shared / "baking.lock"):
+        if not folder.exists():
+            folder.mkdir()
+            natively(folder, BAKE_OF_FRAMES)
+    return folder
+
+
+@pytest.mark.slow
 def test_no_kernel_is_left_out(tmp_path: Path) -> None:
     """The cases below, run without the simulator, enqueue every kernel there is.
 
-    The widest of each do, and every bake, but frames with the default settings alone: what other
-    sizes and settings change is within the kernels.
+    The same is asked of what runs under the simulator, by the last of test_nothing_is_found.
     """
-    widest = 16 if vector_width(list_devices()[0]) >= 16 else 8
-    chosen = [c for c in CASES if c.width == 16 and (c.what == "bake" or not c.settings)]
-    cases = [replace(case, width=widest) for case in chosen]
+    widest = vector_width(list_devices()[0])
+    cases = [replace(case, width=min(case.width, widest)) for case in CASES]
     assert all_kernels() - natively(tmp_path, *cases) == set()
+
+
+def left_out(shared: Path, case: Case, ran: list[str]) -> set[str]:
+    """The kernels that no case has run, once all of CASES have: which is for their last to ask."""
+    if case not in CASES:
+        return set()
+    with FileLock(shared / "ran.lock"):
+        (folder := shared / "ran").mkdir(exist_ok=True)
+        (folder / str(CASES.index(case))).write_text("\n".join(ran))
+        found = [one.read_text().split() for one in folder.iterdir()]
+    if len(found) < len(CASES):
+        return set()
+    return all_kernels().difference(*found)
 
 
 @pytest.mark.oclgrind
@@ -73,10 +101,11 @@ def test_a_sound_kernel_leaves_an_empty_log(tmp_path: Path) -> None:
 
 @pytest.mark.oclgrind
 @needs_oclgrind
-@pytest.mark.parametrize("case", CASES, ids=str)
-def test_nothing_is_found(tmp_path: Path, cache: Path, case: Case) -> None:
+@pytest.mark.parametrize("case", [*CASES, *SLOW], ids=str)
+def test_nothing_is_found(tmp_path: Path, shared: Path, cache: Path, case: Case) -> None:
     # A bake that lies in the cache would not run.
     folder = tmp_path if case.what == "bake" else cache
     ran, log = under_oclgrind(tmp_path, "run_case.py", *arguments(folder, case))
     assert log == ""
     assert ran
+    assert left_out(shared, case, ran) == set()

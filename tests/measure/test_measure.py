@@ -83,7 +83,7 @@ def test_rates_and_moving_roofs() -> None:
     assert best.mrays_per_s == 3.0
 
 
-def test_the_machines_roofs_are_plausible_and_take_no_time() -> None:
+def test_the_machines_roofs_are_plausible() -> None:
     roofs = measure_roofs(replace(IPHONE, memory_budget_bytes=1, max_buffer_bytes=1))
     assert 1 < roofs.triad_gb_per_s < 5000
     assert 1 < roofs.read_gb_per_s < 5000

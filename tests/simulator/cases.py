@@ -1,4 +1,8 @@
-"""What is run under Oclgrind: one case is one start of the simulator."""
+"""What is run under Oclgrind: one case is one start of the simulator.
+
+Every variant runs with every work-group size and with every choice of settings, but not with every
+pair of the two: those are ``SLOW``.
+"""
 
 from __future__ import annotations
 
@@ -47,23 +51,38 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
 }
 
 BAKES = [
-    *(Case("bake", 1, width, "srp") for width in (16, 1)),
+    Case("bake", 1, 16, "srp"),
+    Case("bake", 1, 1, "srp", settings={"interpolation": "visibility"}),
+]
+SLOW_BAKES = [
+    Case("bake", 1, 1, "srp"),
     Case("bake", 1, 16, "srp", settings={"interpolation": "visibility"}),
 ]
-FRAMES = [
-    *(
-        Case("frames", size, width, spec.name, variant)
-        for spec in techniques().values()
-        for variant in spec.variants
-        for size, width in SIZES
-    ),
-    *(
-        Case("frames", 16, 16, spec.name, variant, settings)
-        for spec in techniques().values()
-        for variant in spec.variants
-        for settings in OTHER_SETTINGS.get(spec.name, [])
-    ),
-]
+
+
+def frames(every: bool) -> list[Case]:
+    """Of each variant: sizes and settings side by side, or what that leaves out of their product.
+
+    The first size goes with the defaults, the next with the next settings.
+    """
+    found = []
+    for spec in techniques().values():
+        choices = [{}, *OTHER_SETTINGS.get(spec.name, [])]
+        together = [
+            (SIZES[n % len(SIZES)], choices[n % len(choices)])
+            for n in range(max(len(SIZES), len(choices)))
+        ]
+        pairs = [(sizes, settings) for sizes in SIZES for settings in choices]
+        for variant in spec.variants:
+            found += [
+                Case("frames", *sizes, spec.name, variant, settings)
+                for sizes, settings in (pairs if every else together)
+                if not (every and (sizes, settings) in together)
+            ]
+    return found
+
+
+FRAMES, SLOW_FRAMES = frames(every=False), frames(every=True)
 # Objects that move; surfels are placed on them.
 MOVING = [
     *(Case("moving", size, width, "direct", "tuned") for size, width in SIZES),

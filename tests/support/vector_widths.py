@@ -7,6 +7,12 @@ import pytest
 from gibench.device import list_devices, vector_width
 
 
+def skip_too_wide(width: int) -> None:
+    """Skip the test that asks where the device does not compile for ``width`` floats."""
+    if vector_width(list_devices()[0]) == 8 and width > 8:
+        pytest.skip("the device compiles for vectors of 8 at most")
+
+
 def widths(*wanted: Any) -> list[Any]:
     """Parameters whose first (or only) value is a vector width, skipped where it is too wide.
 

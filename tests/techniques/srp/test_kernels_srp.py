@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.pairwise import pairwise
 from support.srp_setups import VARIANTS, create
 from support.synthetic_bake import random_bake, random_lightmap, random_scene
 
@@ -80,10 +81,15 @@ def test_probe_update(setting, variant, order, samples, size):
     np.testing.assert_allclose(found, expected, rtol=0, atol=3e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("storage", ["fp32", "fp16", "snorm16"])
-@pytest.mark.parametrize(("order", "size"), [(7, 7), (7, 64), (5, 100), (2, 32), (1, 1), (0, 16)])
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_projection_and_transport(setting, variant, order, size, storage):
+ORDERS_AND_SIZES = [(7, 7), (7, 64), (5, 100), (2, 32), (1, 1), (0, 16)]
+
+
+@pytest.mark.parametrize(
+    ("variant", "order_and_size", "storage"),
+    pairwise(VARIANTS, ORDERS_AND_SIZES, ["fp32", "fp16", "snorm16"]),
+)
+def test_projection_and_transport(setting, variant, order_and_size, storage):
+    order, size = order_and_size
     rng, scene, lightmap = setting
     bake = random_bake(rng, lightmap, order=order)
     technique = create(bake, scene, lightmap, variant, size, {"storage": storage})
