@@ -1,17 +1,15 @@
-"""The resumable store of an SRP bake: one checksummed file per unit of work.
+"""The resumable store of a bake: a folder a stage, one checksummed file a unit.
 
 Layout beneath the folder that :class:`BakeStore` is given::
 
-    <key>/                 the first 20 hexadecimal digits of the content key
-      manifest.json        format version, the whole key, what it was made from, for people to read
-      lock                 held by the run that is baking
-      probes.bin           probe positions, radius, overlap
-      relight.bin          relight samples
-      cluster-00000.bin    the compressed cluster, or refined clusters, of one AABB leaf
+    <stage>-<key>/         the key's first 20 hexadecimal digits
+      manifest.json        the whole key, what it was made from, for people to read
+      <unit>.bin           the arrays of a unit
+      <unit>.claim         locked by the run that is computing the unit
 
 A ``.bin`` file is ``GIBENCH1``, the SHA-256 of what follows, then an uncompressed NumPy ``.npz``.
-Files appear whole or not at all: they are written under a temporary name, flushed to the disk and
-renamed. Whatever is missing or fails its checksum is baked again; nothing else is.
+Files appear whole or not at all (:func:`gibench.files.write_whole`). Whatever is missing or fails
+its checksum is baked again; nothing else is.
 """
 
 from __future__ import annotations
@@ -20,10 +18,7 @@ import errno
 import hashlib
 import io
 import json
-import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,21 +26,19 @@ import numpy as np
 import numpy.typing as npt
 from filelock import FileLock, Timeout
 
+from gibench.bake.stage import Arrays, Stage
 from gibench.errors import BadInput, CannotRun
-from gibench.progress import progress
+from gibench.files import remove_unfinished, write_whole
 
-# Raised whenever what is baked, or how it is stored, changes.
-FORMAT_VERSION = 3
 MAGIC = b"GIBENCH1"
-
-Arrays = dict[str, npt.NDArray[Any]]
 
 
 class BakeStore:
-    """Named groups of arrays beneath ``folder/<key>``.
+    """Named groups of arrays beneath ``folder/<name>-<key>``. Used by one thread at a time.
 
     Args:
         folder: where stores are kept; made if missing.
+        name: of the stage.
         key: content key, hexadecimal: same key, same content.
         made_from: what the key stands for, for people to read.
 
@@ -53,35 +46,72 @@ class BakeStore:
         BadInput: the folder cannot be made or written.
     """
 
-    def __init__(self, folder: Path, key: str, made_from: Mapping[str, Any]) -> None:
-        self.path = Path(folder) / key[:20]
+    def __init__(self, folder: Path, name: str, key: str, made_from: Mapping[str, Any]) -> None:
+        self.path = Path(folder) / f"{name}-{key[:20]}"
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _unwritable(self.path, error) from error
-        self._manifest = {"format": FORMAT_VERSION, "key": key, **made_from}
+        self._manifest = {"stage": name, "key": key, **made_from}
+        self._claims: dict[str, FileLock] = {}
 
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Hold the store: a second run of the same bake waits here, then finds it done.
+    @staticmethod
+    def of(folder: Path, stage: Stage) -> BakeStore:
+        """The store of ``stage`` beneath ``folder``."""
+        return BakeStore(folder, stage.name, stage.key, dict(stage.made_from))
 
-        The operating system drops the lock of a run that dies.
+    def __enter__(self) -> BakeStore:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Let go of every claim."""
+        for name in list(self._claims):
+            self.release(name)
+
+    def claim(self, name: str) -> bool:
+        """Whether unit ``name`` is ours to compute from now on; not while another run has it.
+
+        The operating system drops the claims of a run that dies. Look for the unit again after
+        claiming it: another run may have stored it just before.
+
+        Raises:
+            BadInput: the folder cannot be written.
         """
-        lock = FileLock(self.path / "lock")
+        lock = self._lock(name)
         try:
             lock.acquire(timeout=0)
         except Timeout:
-            with progress("Waiting for another run that bakes the same"):
-                lock.acquire()
+            return False
         except OSError as error:
             raise _unwritable(self.path, error) from error
+        self._claims[name] = lock
+        remove_unfinished(self.path / name)
+        return True
+
+    def release(self, name: str) -> None:
+        """Let go of the claim on unit ``name``.
+
+        The file goes with it. A run that had it open then holds a lock that no longer keeps
+        others out: at worst a unit is computed twice, with the same result.
+        """
+        lock = self._claims.pop(name)
+        Path(lock.lock_file).unlink(missing_ok=True)
+        lock.release()
+
+    def is_free(self, name: str) -> bool:
+        """Whether nobody is computing unit ``name``: it is stored, or there to be claimed."""
+        lock = self._lock(name)
+        if not Path(lock.lock_file).exists():
+            return True
         try:
-            self._sweep()
-            if not (self.path / "manifest.json").exists():
-                self._write("manifest.json", json.dumps(self._manifest, indent=2).encode())
-            yield
-        finally:
-            lock.release()
+            lock.acquire(timeout=0)
+        except Timeout:
+            return False
+        lock.release()
+        return True
+
+    def _lock(self, name: str) -> FileLock:
+        return FileLock(self.path / f"{name}.claim", thread_local=False)
 
     def save(self, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         """Write ``arrays`` as ``name`` at once and for good.
@@ -90,6 +120,9 @@ class BakeStore:
             CannotRun: the disk is full.
             BadInput: the folder cannot be written.
         """
+        if not (self.path / "manifest.json").exists() and self.claim("manifest"):
+            self._write("manifest.json", json.dumps(self._manifest, indent=2).encode())
+            self.release("manifest")
         body = io.BytesIO()
         np.savez(body, allow_pickle=False, **arrays)
         payload = body.getvalue()
@@ -110,27 +143,17 @@ class BakeStore:
         with np.load(io.BytesIO(payload), allow_pickle=False) as archive:
             return {key: archive[key] for key in archive.files}
 
-    def nbytes(self) -> int:
-        """Bytes the store takes on disk."""
-        return sum(file.stat().st_size for file in self.path.glob("*.bin"))
-
-    def _sweep(self) -> None:
-        """Remove temporary files of runs that were killed; we hold the lock, so none is alive."""
-        for leftover in self.path.glob("*.tmp"):
-            leftover.unlink(missing_ok=True)
+    def remove(self, names: Iterable[str]) -> None:
+        """Remove units, but for those that another run is computing."""
+        for name in names:
+            if (self.path / f"{name}.bin").exists() and self.claim(name):
+                (self.path / f"{name}.bin").unlink(missing_ok=True)
+                self.release(name)
 
     def _write(self, name: str, content: bytes) -> None:
-        temporary = None
         try:
-            handle, temporary = tempfile.mkstemp(suffix=".tmp", dir=self.path)
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            Path(temporary).replace(self.path / name)
+            write_whole(self.path / name, content)
         except OSError as error:
-            if temporary is not None:
-                Path(temporary).unlink(missing_ok=True)
             raise _unwritable(self.path, error) from error
 
 

@@ -7,6 +7,8 @@ rays are cut into chunks for a pool of threads.
 from __future__ import annotations
 
 import os
+import threading
+import weakref
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -18,6 +20,7 @@ from embreex.rtcore_scene import EmbreeScene
 
 from gibench.arrays import Floats
 from gibench.rays.tracer import NO_HIT, Hits
+from gibench.scene.model import Scene
 
 # Small enough to balance two threads, large enough that Python's share of a chunk is lost in it.
 _CHUNK_RAYS = 65536
@@ -103,6 +106,26 @@ class EmbreeTracer:
                 trace(part)
         else:
             list(self._pool.map(trace, parts))
+
+
+# By scene, as long as its vertices are held: one tree serves all that trace against a scene.
+_TRACERS: dict[tuple[int, int], EmbreeTracer] = {}
+_MAKING = threading.Lock()
+
+
+def scene_tracer(scene: Scene) -> EmbreeTracer:
+    """The tracer of ``scene``, all cores; made once for all scenes of the same triangles.
+
+    Scenes that differ in lights alone share their arrays and so the tracer. It is let go with the
+    arrays, which nobody may change.
+    """
+    key = id(scene.positions), id(scene.triangles)
+    with _MAKING:
+        if key not in _TRACERS:
+            _TRACERS[key] = EmbreeTracer(scene.corners)
+            for array in (scene.positions, scene.triangles):
+                weakref.finalize(array, _TRACERS.pop, key, None)
+        return _TRACERS[key]
 
 
 def rays_of(

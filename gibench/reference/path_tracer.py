@@ -24,7 +24,7 @@ import numpy as np
 from gibench.arrays import Doubles
 from gibench.errors import BadInput
 from gibench.progress import progress as progress_bar
-from gibench.rays.embree import EmbreeTracer
+from gibench.rays.embree import scene_tracer
 from gibench.reference import store
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
@@ -225,7 +225,7 @@ def _traced(
     rounds = held or store.Rounds.none(start.owners)
     if _done(rounds, plan):
         return rounds, key
-    wavefront = Wavefront(pack_scene(scene, frame), EmbreeTracer(scene.corners), start, bounces)
+    wavefront = Wavefront(pack_scene(scene, frame), scene_tracer(scene), start, bounces)
     wavefront.work = rounds.work
     total = (plan.rounds - rounds.count) * start.owners * plan.per_round
     with progress_bar(f"path tracing {scene.name}", total) as bar:

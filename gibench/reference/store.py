@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gibench.arrays import Doubles
+from gibench.files import write_whole
 from gibench.reference.wavefront import Work
 
 Key = Mapping[str, str | int | None]
@@ -79,24 +79,19 @@ def load(folder: Path, key: Key, owners: int) -> Rounds | None:
 
 def save(folder: Path, key: Key, rounds: Rounds) -> None:
     """Keep the rounds; readers see the old file or the new one, never half of one."""
+    body = io.BytesIO()
+    np.savez(
+        body,
+        key=_text(key),
+        count=rounds.count,
+        mean=rounds.mean,
+        squares=rounds.squares,
+        rays=rounds.work.rays,
+        ray_seconds=rounds.work.ray_seconds,
+        seconds=rounds.work.seconds,
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=folder, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(
-                stream,
-                key=_text(key),
-                count=rounds.count,
-                mean=rounds.mean,
-                squares=rounds.squares,
-                rays=rounds.work.rays,
-                ray_seconds=rounds.work.ray_seconds,
-                seconds=rounds.work.seconds,
-            )
-        Path(name).replace(_file(folder, key))
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    write_whole(_file(folder, key), body.getvalue())
 
 
 def _text(key: Key) -> str:

@@ -6,12 +6,12 @@ import numpy as np
 
 from gibench.arrays import Doubles
 from gibench.progress import progress
-from gibench.rays.embree import EmbreeTracer
+from gibench.rays.embree import scene_tracer
+from gibench.rays.offset import surface_offset
 from gibench.scene.lightmap import Fragments, Lightmap
 from gibench.scene.model import Scene
 from gibench.study.through_camera import Mask
 from gibench.techniques.srp.bake.sampling import surface_points
-from gibench.techniques.srp.bake.transport import surface_offset
 
 RAYS = 64
 """Per receiver; of those that see backs with a twentieth of their rays, 96 % are found."""
@@ -32,7 +32,7 @@ def open_receivers(scene: Scene, lightmap: Lightmap, seed: int = 0) -> Mask:
         lightmap: its receivers.
         seed: of the rays: cosine-weighted, from points all over each texel's surface.
     """
-    rng, tracer = np.random.default_rng(seed), EmbreeTracer(scene.corners)
+    rng, tracer = np.random.default_rng(seed), scene_tracer(scene)
     offset = surface_offset(scene)
     edges = scene.corners[:, 1:].astype(np.float64) - scene.corners[:, :1]
     facing = np.cross(edges[:, 0], edges[:, 1])

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles
-from gibench.rays.embree import EmbreeTracer
+from gibench.rays.embree import scene_tracer
 from gibench.reference.camera import image_plane
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
@@ -58,7 +58,7 @@ def view(scene: Scene, lightmap: Lightmap, camera: Camera, width: int, height: i
     directions = forward + x[None, :, None] * right + y[:, None, None] * up
     directions = directions.reshape(-1, 3)
     origins = np.broadcast_to(eye.astype(np.float32), directions.shape)
-    hits = EmbreeTracer(scene.corners).closest(
+    hits = scene_tracer(scene).closest(
         np.ascontiguousarray(origins), np.ascontiguousarray(directions.astype(np.float32))
     )
     triangle = np.maximum(hits.triangle, 0)

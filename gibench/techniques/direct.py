@@ -18,7 +18,7 @@ from gibench.techniques.parts.shared_passes import (
     rendered,
     suits_packets,
 )
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec
 from gibench.techniques.technique import FloatArray, Pass
 
 
@@ -76,10 +76,6 @@ class Direct:
         return {"receivers": self._receivers}
 
 
-def _no_bake(context: BakeContext) -> None:
-    return None
-
-
 def _memory_floor(
     scene: Scene, receivers: int, settings: DirectSettings, width: int, height: int
 ) -> int:
@@ -91,7 +87,6 @@ SPEC = TechniqueSpec(
     title="Direct light only",
     variants=(PUBLISHED, TUNED),
     settings_type=DirectSettings,
-    bake=_no_bake,
     create=Direct,
     memory_floor=_memory_floor,
     # It has no indirect light, which is as right wherever things are.

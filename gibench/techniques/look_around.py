@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from gibench.rays.embree import EmbreeTracer
+from gibench.rays.embree import scene_tracer
+from gibench.rays.tracer import RayTracer
 from gibench.scene.model import Camera, Scene
 
 Points = npt.NDArray[np.float64]
@@ -39,7 +40,7 @@ def keyframes(scene: Scene, start: Camera) -> tuple[Points, Points]:
     low, high = scene.bounds
     margin = _MARGIN * (high - low)
     positions = rng.uniform(low + margin, high - margin, (_POSITIONS, 3))
-    tracer = EmbreeTracer(scene.corners)
+    tracer = scene_tracer(scene)
     lift = 1e-4 * float(np.linalg.norm(high - low))
     at_start = _shown(tracer, np.array([start.position]), points, normals, lift)
     at_start &= _in_view(start, np.asarray(start.target), points, start.fov_degrees)[None]
@@ -74,7 +75,7 @@ def _surface(scene: Scene, rng: np.random.Generator) -> tuple[Points, Points]:
 
 
 def _shown(
-    tracer: EmbreeTracer, positions: Points, points: Points, normals: Points, lift: float
+    tracer: RayTracer, positions: Points, points: Points, normals: Points, lift: float
 ) -> Marks:
     """Which fronts are in sight of which position, (positions, points)."""
     way = positions[:, None] - points

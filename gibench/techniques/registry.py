@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from gibench.bake.run import BakeReport, run_bake
+from gibench.bake.stage import Stage
 from gibench.device import Device
 from gibench.errors import BadInput
 from gibench.profiles.profile import DeviceProfile, Figure
@@ -19,6 +21,7 @@ from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import Job, Shot, World
 from gibench.techniques.object_motion import MotionOptions
 from gibench.techniques.technique import Technique
+from gibench.work import Executor
 
 PUBLISHED = "published"
 TUNED = "tuned"
@@ -64,6 +67,11 @@ def no_check(scene: Scene, settings: Any) -> None:
     """For a technique whose settings suit every scene."""
 
 
+def nothing_baked(context: BakeContext) -> tuple[Stage, ...]:
+    """The stages of a technique that computes nothing ahead of frames."""
+    return ()
+
+
 @dataclass(frozen=True)
 class TechniqueSpec:
     """A technique as the command line sees it; plain functions only, so that it pickles.
@@ -75,10 +83,11 @@ class TechniqueSpec:
         settings_type: a dataclass with defaults; field metadata carries ``help`` and ``unit``.
             Fields called ``sh_order`` and ``probes`` are set by the options of that name, all
             others by ``--set technique.field=value``.
-        bake: computes or loads what is needed ahead of frames.
         create: sets the technique up on a device.
         memory_floor: bytes of device memory it will take at least, known before baking, from
             (scene, number of receivers, settings, image width, image height).
+        stages: of what is computed ahead of frames, each after those it needs; the last one's value
+            is what the technique is created with, None where there are none.
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
         check: refuses settings that do not suit a scene (BadInput) before any long work.
@@ -92,13 +101,26 @@ class TechniqueSpec:
     title: str
     variants: tuple[str, ...]
     settings_type: type[Any]
-    bake: Callable[[BakeContext], Any]
     create: Callable[[Device, Job, World], Technique]
     memory_floor: Callable[[Scene, int, Any, int, int], int]
+    stages: Callable[[BakeContext], Sequence[Stage]] = nothing_baked
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     check: Callable[[Scene, Any], None] = no_check
     follows: frozenset[Follows] = frozenset()
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
+
+    def bake(
+        self,
+        context: BakeContext,
+        executor: Executor | None = None,
+        report: BakeReport | None = None,
+    ) -> Any:
+        """Compute what is needed ahead of frames, or load what of it is in the cache already.
+
+        Raises:
+            GibenchError: see :func:`gibench.bake.run.run_bake`.
+        """
+        return run_bake(self.stages(context), context.cache_dir, executor, report)
 
     def settings(self, values: Mapping[str, Any]) -> Any:
         """The settings with ``values`` set.

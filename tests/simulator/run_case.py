@@ -10,8 +10,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
-from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -44,9 +42,9 @@ from gibench.scene.model import Camera
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Turn
 from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique
-from gibench.techniques.srp.bake import stages as srp_bake
 from gibench.techniques.srp.bake import transport
 from gibench.techniques.technique import Technique
+from gibench.work import Serial
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
 RECEIVERS = 90
@@ -70,26 +68,6 @@ SMALL = {
 }
 PROFILE = replace(load_profile("iphone7"), simd_width=1)
 MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))
-
-
-class InlinePool:
-    """A thread pool that works in the thread that asks.
-
-    Oclgrind 21.10 keeps its shadow of memory per thread and makes the one of the thread that opened
-    the context only: any other thread that copies or runs anything crashes it.
-    """
-
-    def __init__(self, threads: int) -> None: ...
-
-    def __enter__(self) -> InlinePool:
-        return self
-
-    def __exit__(self, *error: object) -> None: ...
-
-    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        future: Future[Any] = Future()
-        future.set_result(work(*arguments))
-        return future
 
 
 @dataclass(frozen=True)
@@ -137,7 +115,9 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
     scene = build("cornell-box")
     settings = spec.settings({**small, **case.settings})
     context = BakeContext(scene, unwrap(scene, RECEIVERS), settings, cache)
-    return spec, context, spec.bake(context)
+    # Oclgrind 21.10 keeps its shadow of memory per thread and makes the one of the thread that
+    # opened the context only: any other thread that copies or runs anything crashes it.
+    return spec, context, spec.bake(context, Serial())
 
 
 def created(
@@ -232,7 +212,6 @@ def reference(case: Case, cache: Path) -> None:
 def suit_simulator(width: int) -> None:
     """One thread, and vectors of ``width`` floats."""
     os.cpu_count = lambda: 1
-    srp_bake.ThreadPoolExecutor = InlinePool  # type: ignore[misc,assignment]
     Device.vector_width = property(lambda self: width)  # type: ignore[assignment]
     transport.vector_width = lambda device: width
 

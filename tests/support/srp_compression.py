@@ -21,6 +21,7 @@ import numpy as np
 
 from gibench.bake.lightmap import cached_lightmap
 from gibench.rays.embree import EmbreeTracer
+from gibench.rays.offset import surface_offset
 from gibench.scene.load import load_scene
 from gibench.techniques.srp.bake.cpca import aabb_clusters, compress
 from gibench.techniques.srp.bake.data import SrpBake
@@ -28,7 +29,7 @@ from gibench.techniques.srp.bake.expected_light import expected_light
 from gibench.techniques.srp.bake.probes import place_probes
 from gibench.techniques.srp.bake.relight import relight_samples
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.transport import TransportBaker, surface_offset
+from gibench.techniques.srp.bake.transport import TransportBaker
 from gibench.techniques.srp.bake.visibility import visibility_tables
 from gibench.techniques.srp.storage import store_cluster, stored_values
 from support.lightings import point_light, probe_radiance, sun

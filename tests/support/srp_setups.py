@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from gibench.bake.run import run_bake
 from gibench.techniques.srp import SPEC
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.stages import bake_srp
+from gibench.techniques.srp.bake.stages import Given, srp_stages
+from gibench.techniques.srp.bake.transport import CHUNK_RAYS
 from support.made import made
 from support.shading_oracle import open_device
 from support.tiny_scenes import room
@@ -26,6 +28,6 @@ SETTINGS = {
 }  # fmt: skip
 
 
-def bake(folder, report=None, seed=0, **changed):
-    scene, lightmap = room(5)
-    return bake_srp(scene, lightmap, SrpBakeSettings(**SETTINGS | changed), folder, seed, report)
+def bake(folder, report=None, seed=0, executor=None, chunk_rays=CHUNK_RAYS, **changed):
+    given = Given(*room(5), SrpBakeSettings(**SETTINGS | changed), seed, chunk_rays)
+    return run_bake(srp_stages(given), folder, executor, report)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from gibench.errors import BadInput, GibenchError
+from gibench.files import write_whole
 
 SCHEMA_VERSION, OLDEST_SCHEMA = 1, 1
 SAMPLES, RECORD = "samples.csv", "run.json"
@@ -115,18 +116,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
-            temporary = Path(file.name)
-            try:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-                file.close()
-                temporary.chmod(0o644)
-                temporary.replace(path)
-            except BaseException:
-                temporary.unlink(missing_ok=True)
-                raise
+        write_whole(path, content)
     except OSError as error:
         raise _cannot_write(path, error) from error
 

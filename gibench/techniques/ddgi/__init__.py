@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
+from gibench.bake.stage import Keep, Stage, Unit, stage_key
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.blending import Published
 from gibench.techniques.ddgi.placement import make_volume
@@ -11,12 +15,23 @@ from gibench.techniques.ddgi.technique import Ddgi
 from gibench.techniques.parts.frame_scene import frame_scene_bytes
 from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
+from gibench.work import Worker
 
 __all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]
 
 
-def _bake(context: BakeContext) -> Volume:
-    return make_volume(context.scene, context.settings)
+def _stages(context: BakeContext) -> tuple[Stage, ...]:
+    """The probe volume: made in no time, so that it is not stored."""
+    given = context.scene, context.settings
+    low, high = context.scene.bounds
+    key = stage_key("ddgi-volume", 1, low, high, context.scene.probes.count, context.settings)
+    return (Stage("ddgi-volume", key, compute=_volume, given=given, keep=Keep.NEVER),)
+
+
+def _volume(
+    given: tuple[Scene, DdgiSettings], needed: Sequence[Any], unit: Unit, worker: Worker
+) -> Volume:
+    return make_volume(*given)
 
 
 def _check(scene: Scene, settings: DdgiSettings) -> None:
@@ -42,7 +57,7 @@ SPEC = TechniqueSpec(
     title="Probe volumes (DDGI)",
     variants=(PUBLISHED, TUNED),
     settings_type=DdgiSettings,
-    bake=_bake,
+    stages=_stages,
     create=Ddgi,
     memory_floor=_memory_floor,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),

@@ -8,13 +8,9 @@ from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.gibs.technique import Gibs
 from gibench.techniques.parts.frame_scene import frame_scene_bytes
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec
 
 __all__ = ["SPEC", "Gibs", "GibsSettings"]
-
-
-def _no_bake(context: BakeContext) -> None:
-    return None
 
 
 def _memory_floor(
@@ -35,7 +31,6 @@ SPEC = TechniqueSpec(
     title="Surfels (GIBS)",
     variants=(PUBLISHED, TUNED),
     settings_type=GibsSettings,
-    bake=_no_bake,
     create=Gibs,
     memory_floor=_memory_floor,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),

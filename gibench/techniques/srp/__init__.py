@@ -4,31 +4,29 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gibench.bake.stage import Stage
 from gibench.scene.model import Scene
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import frame_scene_bytes
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
-from gibench.techniques.srp.bake.data import MAX_SH_ORDER, SrpBake, sh_count
+from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
 from gibench.techniques.srp.settings import SrpSettings
 from gibench.techniques.srp.technique import Srp
 
 __all__ = ["SPEC", "Srp", "SrpSettings"]
 
 
-def _bake(context: BakeContext) -> SrpBake:
+def _stages(context: BakeContext) -> tuple[Stage, ...]:
     """Bake the highest order, whatever order is asked for: one bake then serves them all."""
-    from gibench.techniques.srp.bake.lower_order import lower_order
-    from gibench.techniques.srp.bake.stages import bake_srp
+    from gibench.techniques.srp.bake.stages import Given, srp_stages
 
     settings: SrpSettings = context.settings
-    given = context.scene.probes
+    own = context.scene.probes
     # The scene's own number said aloud, so that asking for it by --probes finds the same bake.
-    probes = settings.probes or (given.count if given.positions is None else None)
+    probes = settings.probes or (own.count if own.positions is None else None)
     highest = replace(settings.bake_settings(), sh_order=MAX_SH_ORDER, probes=probes)
-    bake = bake_srp(context.scene, context.lightmap, highest, context.cache_dir, seed=context.seed)
-    if settings.sh_order == MAX_SH_ORDER:
-        return bake
-    return lower_order(bake, settings.sh_order, settings.svd_vectors, settings.svd_threshold)
+    given = Given(context.scene, context.lightmap, highest, context.seed)
+    return srp_stages(given, settings.sh_order)
 
 
 def _memory_floor(
@@ -59,7 +57,7 @@ SPEC = TechniqueSpec(
     title="Sparse Radiance Probes",
     variants=(PUBLISHED, TUNED),
     settings_type=SrpSettings,
-    bake=_bake,
+    stages=_stages,
     create=Srp,
     memory_floor=_memory_floor,
     sweep=_sweep,

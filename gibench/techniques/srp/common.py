@@ -12,7 +12,7 @@ from gibench.device import Buffer, Device
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.srp.bake.data import SrpBake
-from gibench.techniques.srp.storage import STORAGE_BYTES
+from gibench.techniques.srp.storage import storage_bytes
 from gibench.techniques.technique import Pass, Work
 
 
@@ -81,7 +81,7 @@ class TransportSizes:
         """The least ``cluster_projection`` does: every stored value read once."""
         return Work(
             flops=self.projection * 3 * 2,
-            bytes_read=self.projection * STORAGE_BYTES[storage]
+            bytes_read=self.projection * storage_bytes(storage)
             + 12 * self.probes * self.coefficients,
             bytes_written=12 * self.rows,
         )
@@ -93,7 +93,7 @@ class TransportSizes:
         """
         return Work(
             flops=self.reconstruction * 3 * 2,
-            bytes_read=self.reconstruction * STORAGE_BYTES[storage]
+            bytes_read=self.reconstruction * storage_bytes(storage)
             + 12 * self.rows
             + 4 * self.lit_receivers,
             bytes_written=12 * self.lit_receivers,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.rays.embree import EmbreeTracer
+from gibench.rays.embree import scene_tracer
 from gibench.scene.model import (
     Camera,
     Scene,
@@ -76,7 +76,7 @@ def probe_view(
         return image
     d, t, probes = directions[rows, columns], nearest[rows, columns], owner[rows, columns]
     origins = np.broadcast_to(eye, d.shape)
-    hidden = EmbreeTracer(scene.corners).occluded(
+    hidden = scene_tracer(scene).occluded(
         origins.astype(np.float32), d.astype(np.float32), t.astype(np.float32)
     )
     rows, columns, d, t, probes = (a[~hidden] for a in (rows, columns, d, t, probes))

@@ -12,13 +12,13 @@ from gibench.errors import CannotRun
 from gibench.techniques.parts.shared_passes import dilate
 from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import pack_published, pack_samples
-from gibench.techniques.srp.storage import STORAGE_BYTES, STORAGE_MACRO
+from gibench.techniques.srp.storage import storage_bytes, storage_macro
 from gibench.techniques.technique import Pass
 
 
 def published_bytes(sizes: TransportSizes, storage: str, texels: int) -> int:
     """Bytes of device memory that :class:`Published` takes."""
-    s, width = sizes, STORAGE_BYTES[storage]
+    s, width = sizes, storage_bytes(storage)
     lists = 8 * (s.probes + 1) + 8 * s.hits + 4 * s.misses
     relight = 12 * s.samples + 4 * s.samples * s.coefficients
     tables = 20 * s.clusters + 8 * s.rows + 4 * s.columns + 12 * s.receivers
@@ -132,5 +132,5 @@ class Published:
         return [Launch(self._program(), "irradiance_transport", args, items=receivers)]
 
     def _program(self) -> ProgramSpec:
-        defines = {"STORAGE": STORAGE_MACRO[self.given.storage], "VEC": 1}
+        defines: dict[str, int | str] = {"STORAGE": storage_macro(self.given.storage), "VEC": 1}
         return ProgramSpec("srp/published_transport.cl", defines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +11,8 @@ import numpy.typing as npt
 from gibench.arrays import Floats
 from gibench.techniques.srp.bake.data import Cluster
 
-# Value of the macro STORAGE and bytes per value, by name.
-STORAGE_MACRO = {"fp32": 0, "fp16": 1, "snorm16": 2}
-STORAGE_BYTES = {"fp32": 4, "fp16": 2, "snorm16": 2}
+Storage = Literal["fp32", "fp16", "snorm16"]
+STORAGES: tuple[Storage, ...] = get_args(Storage)
 
 # The largest fp16 value of a row lies in [2^14, 2^15): far from overflow at 65504, and values are
 # subnormal, and so stored as 0, only 2^-28 below it.
@@ -43,6 +42,16 @@ class StoredCluster:
 def storage_dtype(storage: str) -> np.dtype[Any]:
     """Type of an array of stored values."""
     return np.dtype(np.float32 if storage == "fp32" else np.int16)
+
+
+def storage_bytes(storage: str) -> int:
+    """Bytes of a stored value."""
+    return storage_dtype(storage).itemsize
+
+
+def storage_macro(storage: str) -> str:
+    """What the kernels' macro STORAGE is defined as."""
+    return f"STORAGE_{storage.upper()}"
 
 
 def store_cluster(cluster: Cluster, storage: str) -> StoredCluster:

@@ -22,7 +22,7 @@ from gibench.techniques.srp.pack import (
     projection_width,
     sample_sources,
 )
-from gibench.techniques.srp.storage import STORAGE_BYTES, STORAGE_MACRO
+from gibench.techniques.srp.storage import storage_bytes, storage_macro
 from gibench.techniques.technique import Pass
 
 # Vectors of coefficients one work-item of the probe update sums at most: three channels of four
@@ -37,7 +37,7 @@ _BLOCKS_PER_GROUP = 32
 
 def tuned_bytes(bake: SrpBake, lightmap: Lightmap, storage: str, device_width: int) -> int:
     """Bytes of device memory that :class:`Tuned` takes."""
-    c, width = bake.coefficients, STORAGE_BYTES[storage]
+    c, width = bake.coefficients, storage_bytes(storage)
     stride, samples = padded(c, device_width), bake.relight.texel.shape[1]
     probe_values = padded(c, projection_width(c, device_width))
     total: int = 4 * len(border_texels(lightmap))
@@ -123,7 +123,7 @@ class Tuned:
             raise CannotRun(f"profile {device.profile.name} has too little local memory")
         vectors = self._stride // self._width
         together = max(n for n in range(1, _PROBE_VECTORS + 1) if vectors % n == 0)
-        defines = {
+        defines: dict[str, int | str] = {
             "VEC": self._width,
             "VECTORS": together if self._width > 1 else 1,
             "SAMPLES": samples,
@@ -143,8 +143,8 @@ class Tuned:
 
     def _projected(self) -> Sequence[Launch]:
         width = self._projection_width
-        defines = {
-            "STORAGE": STORAGE_MACRO[self.given.storage],
+        defines: dict[str, int | str] = {
+            "STORAGE": storage_macro(self.given.storage),
             "VEC": width,
             "VECTORS": padded(self.given.sizes.coefficients, width) // width,
             "STRIDE": self._stride,
@@ -164,7 +164,7 @@ class Tuned:
         return [Launch(program, "cluster_projection", args, groups=-(-count // self._share))]
 
     def _transported(self) -> Sequence[Launch]:
-        defines = {"STORAGE": STORAGE_MACRO[self.given.storage], "VEC": self._width}
+        defines: dict[str, int | str] = {"STORAGE": storage_macro(self.given.storage), "VEC": self._width}
         program = ProgramSpec("srp/tuned_transport.cl", defines)
         count = self._receiver_blocks.shape[0]
         args = (

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.tiny_scenes import room
 
+from gibench.bake.run import BakeReport, run_bake
 from gibench.techniques.srp.bake.data import Cluster, SrpBake
-from gibench.techniques.srp.bake.lower_order import lower_order
+from gibench.techniques.srp.bake.lower_order import lower_clusters
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.stages import bake_srp
+from gibench.techniques.srp.bake.stages import Given, srp_stages
 
 SETTINGS = {"probes": 5, "relight_samples": 64, "transport_rays": 128, "overlap": 4.0}
 
@@ -38,11 +38,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_lower_order_is_that_orders_bake(store: Path, order: int) -> None:
     scene, lightmap = room(6)
     count = len(lightmap.receivers)
-    high = bake_srp(scene, lightmap, SrpBakeSettings(sh_order=7, **SETTINGS), store)
+    given = Given(scene, lightmap, SrpBakeSettings(sh_order=7, **SETTINGS))
+    high = run_bake(srp_stages(given), store)
     # Without any truncation, so that the difference below is all of the lowered bake's error.
     exact = SrpBakeSettings(sh_order=order, svd_vectors=count, svd_threshold=0.0, **SETTINGS)
-    direct = bake_srp(scene, lightmap, exact, store)
-    low = lower_order(high, order, most=32, threshold=0.005)
+    direct = run_bake(srp_stages(Given(scene, lightmap, exact)), store)
+    low = run_bake(srp_stages(given, order), store)
 
     assert low.sh_order == order
     assert low.relight.basis.shape == direct.relight.basis.shape
@@ -60,9 +61,20 @@ def test_lower_order_is_that_orders_bake(store: Path, order: int) -> None:
     )
 
 
-def test_dark_clusters_stay_dark(store: Path) -> None:
-    scene, lightmap = room(6)
-    bake = bake_srp(scene, lightmap, SrpBakeSettings(sh_order=7, **SETTINGS), store)
+def test_a_lower_order_is_stored_and_asks_for_nothing_else(store: Path) -> None:
+    given = Given(*room(6), SrpBakeSettings(sh_order=7, **SETTINGS))
+    first = run_bake(srp_stages(given, 3), store)
+    report = BakeReport()
+    again = run_bake(srp_stages(given, 3), store, report=report)
+    assert list(report.stages) == ["srp-probes", "srp-relight", "srp-lowered", "srp-bake"]
+    assert report.stages["srp-lowered"].baked == 0
+    assert report.stages["srp-lowered"].loaded >= 1
+    for x, y in zip(first.clusters, again.clusters, strict=True):
+        for name in ("receivers", "probes", "projection", "reconstruction", "error"):
+            np.testing.assert_array_equal(getattr(x, name), getattr(y, name))
+
+
+def test_dark_clusters_stay_dark() -> None:
     nothing = np.zeros((0, 0), np.float32)
     dark = Cluster(
         np.arange(5, dtype=np.int32),
@@ -71,14 +83,13 @@ def test_dark_clusters_stay_dark(store: Path) -> None:
         np.zeros((5, 0), np.float32),
         0.0,
     )
-    (low,) = lower_order(replace(bake, clusters=(dark,)), 2, most=32, threshold=0.005).clusters
+    (low,) = lower_clusters([dark], before=7, order=2, most=32, threshold=0.005)
     assert low.projection.shape == (0, 0)
     assert low.reconstruction.shape == (5, 0)
     assert low.error == 0.0
 
 
-def test_a_higher_order_is_refused(tmp_path: Path) -> None:
-    scene, lightmap = room(3)
-    low = bake_srp(scene, lightmap, SrpBakeSettings(sh_order=1, **SETTINGS), tmp_path)
+def test_a_higher_order_is_refused() -> None:
+    given = Given(*room(3), SrpBakeSettings(sh_order=1, **SETTINGS))
     with pytest.raises(ValueError, match="order 2"):
-        lower_order(low, 2, most=32, threshold=0.005)
+        srp_stages(given, 2)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,12 @@ import pytest
 from support.srp_setups import bake
 from support.tiny_scenes import room
 
-from gibench.bake import store as store_module
+from gibench.bake.run import BakeReport
 from gibench.bake.store import BakeStore
 from gibench.errors import BadInput, CannotRun
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.stages import BakeReport, bake_key
+from gibench.techniques.srp.bake.stages import Given, srp_stages
+from gibench.work import Serial, Threads
 
 
 def same(a, b):
@@ -65,7 +67,8 @@ def test_bake_holds_every_receiver_once(baked):
 
 
 def test_same_seed_same_bits_whatever_the_workers(baked, tmp_path):
-    assert same(baked[1], bake(tmp_path, workers=1, chunk_rays=500))
+    assert same(baked[1], bake(tmp_path / "serial", executor=Serial(), chunk_rays=500))
+    assert same(baked[1], bake(tmp_path / "threads", executor=Threads(3), chunk_rays=700))
     other = bake(tmp_path, seed=1)
     assert not np.array_equal(other.relight.directions, baked[1].relight.directions)
 
@@ -73,8 +76,8 @@ def test_same_seed_same_bits_whatever_the_workers(baked, tmp_path):
 def test_second_bake_computes_nothing(baked, tmp_path):
     report = BakeReport()
     assert same(baked[1], bake(copy_of(baked, tmp_path), report))
-    assert report.units_baked == 0
-    assert report.units_loaded == len(files(baked[0])) >= 8
+    assert sum(stage.baked for name, stage in report.stages.items() if name != "srp-bake") == 0
+    assert report.stages["srp-transport"].loaded == len(files(baked[0])) >= 8
 
 
 @pytest.mark.parametrize("damage", ["missing", "flipped", "truncated", "empty", "swapped"])
@@ -92,10 +95,10 @@ def test_damage_is_found_and_only_that_is_baked_again(baked, tmp_path, damage):
         victim.write_bytes(kept)
     report = BakeReport()
     assert same(baked[1], bake(folder, report))
-    assert report.units_baked == 1
+    assert report.stages["srp-transport"].baked == 1
 
 
-@pytest.mark.parametrize("name", ["probes.bin", "relight.bin"])
+@pytest.mark.parametrize("name", ["srp-probes.bin", "srp-relight.bin"])
 def test_damaged_probes_and_relight_samples_are_made_again(baked, tmp_path, name):
     folder = copy_of(baked, tmp_path)
     next(folder.glob(f"*/{name}")).write_bytes(b"GIBENCH1 not this")
@@ -107,10 +110,12 @@ import sys, json
 sys.path.insert(0, {tests!r})
 from pathlib import Path
 from support.srp_setups import bake
-from gibench.techniques.srp.bake.stages import BakeReport
+from gibench.bake.run import BakeReport
+from gibench.work import Serial
 report = BakeReport()
-bake(Path(sys.argv[1]), report, workers=1, **json.loads(sys.argv[2]))
-print(report.units_baked, report.units_loaded)
+bake(Path(sys.argv[1]), report, executor=Serial(), **json.loads(sys.argv[2]))
+told = report.stages["srp-transport"]
+print(told.baked, told.loaded)
 """
 
 
@@ -138,29 +143,51 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, how):
     leftovers = list(tmp_path.glob("*/*.tmp"))
     report = BakeReport()
     result = bake(tmp_path, report, **slow)
-    assert report.units_loaded == done
-    assert report.units_baked > 0
+    assert report.stages["srp-transport"].loaded == done
+    assert report.stages["srp-transport"].baked > 0
     assert not list(tmp_path.glob("*/*.tmp")), leftovers
     held = np.sort(np.concatenate([c.receivers for c in result.clusters]))
     assert np.array_equal(held, np.arange(len(room(5)[1].receivers)))
 
 
 def test_two_runs_at_once_share_the_work(baked, tmp_path):
-    runs = [start(tmp_path), start(tmp_path)]
-    outputs = [run.communicate(timeout=60)[0].split() for run in runs]
+    slow = {"transport_rays": 8192}
+    runs = [start(tmp_path, **slow), start(tmp_path, **slow)]
+    outputs = [run.communicate(timeout=120)[0].split() for run in runs]
     assert all(run.returncode == 0 for run in runs)
-    # One bakes, the other waits and then finds everything there.
-    assert sorted(int(out[0]) for out in outputs) == [0, len(files(baked[0]))]
-    assert same(baked[1], bake(tmp_path))
+    counts = [(int(did), int(found)) for did, found in outputs]
+    total = len(files(baked[0]))
+    # Each leaf once, by one or the other, and each run ends with all of them.
+    assert sum(did for did, _ in counts) == total
+    assert all(did + found == total for did, found in counts)
+    assert all(did > 0 for did, _ in counts)
+    assert not list(tmp_path.glob("*/*.claim"))
+    assert same(bake(tmp_path, **slow), bake(tmp_path / "alone", **slow))
+
+
+def test_what_a_killed_run_had_claimed_goes_to_the_other(tmp_path):
+    slow = {"transport_rays": 8192}
+    runs = [start(tmp_path, **slow), start(tmp_path, **slow)]
+    deadline = time.monotonic() + 60
+    while len(files(tmp_path)) < 2 and runs[0].poll() is None and time.monotonic() < deadline:
+        time.sleep(0.005)
+    runs[0].kill()
+    runs[0].wait(30)
+    kept = len(files(tmp_path))
+    output = runs[1].communicate(timeout=120)[0].split()
+    assert runs[1].returncode == 0
+    assert kept >= 2
+    assert int(output[0]) > 0
+    assert same(bake(tmp_path, **slow), bake(tmp_path / "alone", **slow))
 
 
 def test_full_disk_is_one_clear_error_and_leaves_nothing_behind(tmp_path, monkeypatch):
-    store = BakeStore(tmp_path, "ab" * 20, {})
+    store = BakeStore(tmp_path, "stage", "ab" * 20, {})
 
     def full(handle):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(store_module.os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(CannotRun, match="disk is full") as caught:
         store.save("cluster-00000", {"a": np.zeros(3)})
     assert "--cache-dir" in str(caught.value)
@@ -171,20 +198,54 @@ def test_full_disk_is_one_clear_error_and_leaves_nothing_behind(tmp_path, monkey
 def test_a_folder_that_cannot_be_made_is_bad_input(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="cannot be stored"):
-        BakeStore(tmp_path / "file" / "below", "ab" * 20, {})
+        BakeStore(tmp_path / "file" / "below", "stage", "ab" * 20, {})
+
+
+def key_of(scene, lightmap, settings=None, seed=0, **changed):
+    return srp_stages(Given(scene, lightmap, settings or SrpBakeSettings(), seed, **changed))[
+        -1
+    ].key
 
 
 def test_key_follows_content_and_settings_but_not_speed():
     scene, lightmap = room(3)
-    base = bake_key(scene, lightmap, SrpBakeSettings(), 0)
-    assert base == bake_key(*room(3), SrpBakeSettings(workers=1, chunk_rays=99), 0)
+    base = key_of(scene, lightmap)
+    assert base == key_of(*room(3), chunk_rays=99)
     others = [
-        bake_key(scene, lightmap, SrpBakeSettings(transport_rays=4095), 0),
-        bake_key(scene, lightmap, SrpBakeSettings(), 1),
-        bake_key(*room(4), SrpBakeSettings(), 0),
-        bake_key(*room(3, open_top=True), SrpBakeSettings(), 0),
+        key_of(scene, lightmap, SrpBakeSettings(transport_rays=4095)),
+        key_of(scene, lightmap, seed=1),
+        key_of(*room(4)),
+        key_of(*room(3, open_top=True)),
     ]
     assert len({base, *others}) == 5
+
+
+CHANGED = {
+    "sh_order": 6, "probes": 7, "relight_samples": 99, "transport_rays": 98, "overlap": 9.0,
+    "cluster_size": 97, "svd_vectors": 31, "svd_threshold": 0.25, "least_valid": 0.125,
+    "visibility": "exact", "interpolation": "spatial",
+}  # fmt: skip
+
+
+def test_every_setting_is_in_the_key():
+    scene, lightmap = room(3)
+    assert set(CHANGED) == {item.name for item in fields(SrpBakeSettings)}
+    keys = [key_of(scene, lightmap, SrpBakeSettings(**{n: v})) for n, v in CHANGED.items()]
+    assert len({key_of(scene, lightmap), *keys}) == len(CHANGED) + 1
+
+
+def test_a_setting_of_the_transport_makes_no_probe_anew(baked, tmp_path):
+    report = BakeReport()
+    bake(copy_of(baked, tmp_path), report, transport_rays=16)
+    did = {name: (stage.baked, stage.loaded) for name, stage in report.stages.items()}
+    assert did["srp-probes"] == did["srp-relight"] == (0, 1)
+    assert did["srp-visibility"] == (1, 0)
+    assert did["srp-transport"] == (len(files(baked[0])), 0)
+
+
+def test_tables_are_kept_only_while_they_are_needed(baked):
+    assert list(baked[0].glob("srp-visibility-*"))
+    assert not list(baked[0].glob("srp-visibility-*/*.bin"))
 
 
 @pytest.mark.parametrize(
@@ -192,7 +253,7 @@ def test_key_follows_content_and_settings_but_not_speed():
     [
         {"sh_order": 8}, {"sh_order": -1}, {"probes": 0}, {"transport_rays": 0}, {"overlap": 0.0},
         {"svd_threshold": -0.1},
-        {"least_valid": 1.0}, {"visibility": "perhaps"}, {"workers": 0},
+        {"least_valid": 1.0}, {"visibility": "perhaps"}, {"interpolation": "nearest"},
     ],
 )  # fmt: skip
 def test_settings_out_of_range_are_bad_input(wrong):

@@ -12,7 +12,7 @@ from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.sh import sh_basis
-from gibench.techniques.srp.bake.transport import TransportBaker
+from gibench.techniques.srp.bake.transport import CHUNK_RAYS, TransportBaker
 from gibench.techniques.srp.bake.visibility import visibility_tables
 from gibench.techniques.srp.bake.weights import spatial_weight
 
@@ -22,13 +22,24 @@ PROBES = np.array(
 )
 
 
-def baker_of(scene, lightmap, probes, visibility="exact", seed=0, vector=None, **settings):
+def baker_of(
+    scene,
+    lightmap,
+    probes,
+    visibility="exact",
+    seed=0,
+    vector=None,
+    chunk_rays=CHUNK_RAYS,
+    **settings,
+):
     settings = SrpBakeSettings(**{"least_valid": 0.0, **settings}, visibility=visibility)
     tracer = EmbreeTracer(scene.corners, threads=1)
     tables = None
     if visibility == "cached":
         tables = visibility_tables(scene, lightmap, probes, tracer, 1e-5, seed)
-    return TransportBaker(scene, lightmap, probes, settings, tracer, tables, seed, vector=vector)
+    return TransportBaker(
+        scene, lightmap, probes, settings, tracer, tables, seed, chunk_rays, vector=vector
+    )
 
 
 def brute_force(scene, probes, receiver, origins, directions, order):

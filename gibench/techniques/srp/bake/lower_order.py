@@ -8,55 +8,33 @@ dropped coefficients, compressed once more.
 from __future__ import annotations
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from collections.abc import Iterable
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from gibench.progress import progress
 from gibench.techniques.srp.bake.cpca import truncated_svd
-from gibench.techniques.srp.bake.data import Cluster, RelightSamples, SrpBake, sh_count
+from gibench.techniques.srp.bake.data import Cluster, sh_count
 
 
-def lower_order(bake: SrpBake, order: int, most: int, threshold: float) -> SrpBake:
-    """``bake`` as if it had been baked at ``order``.
+def lower_clusters(
+    clusters: Iterable[Cluster], before: int, order: int, most: int, threshold: float
+) -> list[Cluster]:
+    """``clusters`` of a bake of order ``before`` as if it had been baked at ``order``.
 
     A cluster T = U P loses columns of P; the rest, P' = A Q by a truncated SVD, gives the cluster
     (U A) Q. U has orthonormal columns, so the error of that truncation is the cluster's own.
 
     Args:
-        bake: the bake of a higher order.
-        order: the order wanted, at most the bake's.
+        clusters: of the higher order.
+        before: their SH order.
+        order: the order wanted, at most ``before``.
         most: most vectors of a cluster.
         threshold: relative Frobenius error at which fewer vectors are enough.
     """
-    if order > bake.sh_order:
-        raise ValueError(f"order {order} cannot be had from order {bake.sh_order}")
-    count = sh_count(order)
-    relight = bake.relight
-    basis = np.ascontiguousarray(relight.basis[:, :count])
-
-    def lowered(cluster: Cluster) -> Cluster:
-        return _lowered(cluster, bake.coefficients, count, most, threshold)
-
-    clusters = []
-    # BLAS threads of one worker would only take the cores of the others.
-    with (
-        threadpool_limits(limits=1),
-        progress(f"Lowering the bake to order {order}", len(bake.clusters)) as advance,
-        ThreadPoolExecutor(os.cpu_count()) as pool,
-    ):
-        for cluster in pool.map(lowered, bake.clusters):
-            clusters.append(cluster)
-            advance(1)
-    return replace(
-        bake,
-        sh_order=order,
-        relight=RelightSamples(relight.directions, basis, relight.texel),
-        clusters=tuple(clusters),
-    )
+    return [
+        _lowered(cluster, sh_count(before), sh_count(order), most, threshold)
+        for cluster in clusters
+    ]
 
 
 def _lowered(cluster: Cluster, before: int, after: int, most: int, threshold: float) -> Cluster:

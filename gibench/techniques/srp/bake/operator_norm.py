@@ -10,14 +10,16 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.progress import progress
-from gibench.rays.embree import EmbreeTracer
+from gibench.rays.embree import scene_tracer
+from gibench.rays.offset import SHORT_OF_TARGET, surface_offset
+from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.srp.bake.data import ProbeSet, sh_count
 from gibench.techniques.srp.bake.sampling import sphere_directions, triangle_planes
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.sh import sh_basis
-from gibench.techniques.srp.bake.transport import SHORT_OF_TARGET, TransportBaker, surface_offset
+from gibench.techniques.srp.bake.transport import TransportBaker
 from gibench.techniques.srp.bake.visibility import visibility_tables
 
 RECEIVER_ORDER = 9
@@ -63,7 +65,7 @@ def operator_norm(
     Returns:
         (n,) the relative norm.
     """
-    tracer = EmbreeTracer(scene.corners)
+    tracer = scene_tracer(scene)
     offset = surface_offset(scene)
     tables = None
     if settings.visibility == "cached" and settings.interpolation == "srp":
@@ -99,7 +101,7 @@ def operator_norm(
 
 
 def _seen_by_probes(
-    scene: Scene, probes: ProbeSet, tracer: EmbreeTracer, around: npt.NDArray[np.float32]
+    scene: Scene, probes: ProbeSet, tracer: RayTracer, around: npt.NDArray[np.float32]
 ) -> tuple[Any, Any, Any, Any]:
     """What the probes see: points (p, s, 3) off their surface, planes (p, s, 4), two masks."""
     shape = (len(probes), len(around))
@@ -122,7 +124,7 @@ def _seen_by_probes(
 def _mutual(
     origin: Any,
     normal: Any,
-    tracer: EmbreeTracer,
+    tracer: RayTracer,
     points: Any,
     planes: Any,
     escaped: Any,

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from gibench.arrays import Doubles, Floats
 from gibench.errors import BadInput
 from gibench.progress import progress
+from gibench.rays.offset import SHORT_OF_TARGET
 from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap, Receivers
 from gibench.scene.model import Scene
@@ -287,5 +288,5 @@ def _sees(place: Doubles, targets: Floats, normals: Doubles, tracer: RayTracer) 
     facing = np.flatnonzero(np.einsum("nx,nx->n", normals, toward) < 0)
     origins = np.broadcast_to(place.astype(np.float32), (len(facing), 3))
     result = np.zeros(len(targets), np.bool_)
-    result[facing] = ~tracer.occluded(origins, toward[facing], 1.0 - 1e-5)
+    result[facing] = ~tracer.occluded(origins, toward[facing], 1.0 - SHORT_OF_TARGET)
     return result

@@ -2,88 +2,151 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import astuple, dataclass, field
+from typing import Literal, get_args
 
 from gibench.errors import BadInput
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER
 
-INTERPOLATIONS = ("srp", "spatial", "visibility")
+Visibility = Literal["cached", "exact"]
+Interpolation = Literal["srp", "spatial", "visibility"]
 
 
 @dataclass(frozen=True)
 class SrpBakeSettings:
-    """Settings of an SRP bake.
+    """Settings of an SRP bake; each field says what it trades for what.
 
     Attributes:
-        sh_order: order of the probes' spherical harmonics, 0 to 7 (paper: 7).
-        probes: how many to place; None takes the scene's own number or positions.
-        relight_samples: relight rays per probe (thesis: 1024, paper: 8000).
-        transport_rays: primary rays per receiver (thesis: 4096).
-        overlap: mean number of probes that reach a receiver (paper: 10).
-        cluster_size: most receivers in a cluster (thesis: 1024).
-        svd_vectors: most vectors kept of a cluster (paper: 32).
-        svd_threshold: error of a leaf's irradiance under expected light, relative to itself; the
-            leaf is refined into clusters as small as meet it (paper: 0.005; see
-            :func:`gibench.techniques.srp.bake.cpca.compress`). Three samples of 16 to 36 of
-            Sponza's 347 leaves under ten single lights each, without bounces: 0.8 % and less
-            for nine lights of ten, 1.0 to 1.4 % for the tenth.
-        least_valid: share of valid samples below which a receiver counts as having none and stays
-            dark. The mean over a handful of samples is noise, of full weight in the compression:
+        svd_threshold: :func:`gibench.techniques.srp.bake.cpca.compress` says what it is an error
+            of. Three samples of 16 to 36 of Sponza's 347 leaves under ten single lights each,
+            without bounces: 0.8 % and less for nine lights of ten, 1.0 to 1.4 % for the tenth.
+        least_valid: the mean over a handful of samples is noise, of full weight in the compression:
             in Sponza the 3 % of receivers below 1 %, nearly all inside walls, held a fifth of all
             transport's energy.
-        visibility: ``cached`` decides most mutual visibility from tables of a few rays per probe
-            and texel, and traces what they leave open; ``exact`` traces everything.
         interpolation: of radiance from the probes. ``srp`` reprojects and asks for mutual
-            visibility (thesis eq. 4.6); ``spatial`` blends by distance alone, in the receiver's own
-            direction (eq. 4.3); ``visibility`` is that from the probes the receiver sees. The
-            latter two are there to be compared with.
-        workers: clusters in flight at once; None: one per core.
-        chunk_rays: primary rays traced at once by one worker; about 60 bytes of memory each.
+            visibility (Bennett 2019, eq. 4.6); ``spatial`` blends by distance alone, in the
+            receiver's own direction (eq. 4.3); ``visibility`` is that from the probes the receiver
+            sees. The latter two are there to be compared with.
     """
 
-    sh_order: int = 7
-    probes: int | None = None
-    relight_samples: int = 1024
-    transport_rays: int = 4096
-    overlap: float = 10.0
-    cluster_size: int = 1024
-    svd_vectors: int = 32
-    svd_threshold: float = 0.005
-    least_valid: float = 0.01
-    visibility: Literal["cached", "exact"] = "cached"
-    interpolation: Literal["srp", "spatial", "visibility"] = "srp"
-    workers: int | None = None
-    chunk_rays: int = 1 << 19
+    sh_order: int = field(
+        default=7,
+        metadata={
+            "help": "order of the probes' spherical harmonics, 0 to 7; (order + 1)^2 coefficients "
+            "per probe: sharper indirect light for more time and memory "
+            "(Silvennoinen and Lehtinen 2017: 7)",
+            "unit": "",
+        },
+    )
+    probes: int | None = field(
+        default=None,
+        metadata={
+            "help": "probes to place, the scene's own number if unset: more detail for more time "
+            "and memory",
+            "unit": "probes",
+        },
+    )
+    relight_samples: int = field(
+        default=1024,
+        metadata={
+            "help": "relight rays per probe: less noise in the probes for a slower probe_update "
+            "(Bennett 2019: 1024; Silvennoinen and Lehtinen 2017: 8000)",
+            "unit": "rays",
+        },
+    )
+    transport_rays: int = field(
+        default=4096,
+        metadata={
+            "help": "rays per receiver in the bake: less noise in the transport for a slower bake "
+            "(Bennett 2019: 4096)",
+            "unit": "rays",
+        },
+    )
+    overlap: float = field(
+        default=10.0,
+        metadata={
+            "help": "mean number of probes that reach a receiver: smoother for more time and "
+            "memory (Silvennoinen and Lehtinen 2017: 10)",
+            "unit": "probes",
+        },
+    )
+    cluster_size: int = field(
+        default=1024,
+        metadata={"help": "most receivers in a cluster (Bennett 2019: 1024)", "unit": "receivers"},
+    )
+    svd_vectors: int = field(
+        default=32,
+        metadata={
+            "help": "most light basis vectors kept of a cluster: less compression error for more "
+            "time and memory (Silvennoinen and Lehtinen 2017: 32)",
+            "unit": "vectors",
+        },
+    )
+    svd_threshold: float = field(
+        default=0.005,
+        metadata={
+            "help": "relative error of the irradiance that compression may leave, under light "
+            "from anywhere: smaller for more time and memory "
+            "(Silvennoinen and Lehtinen 2017: 0.005)",
+            "unit": "",
+        },
+    )
+    least_valid: float = field(
+        default=0.01,
+        metadata={
+            "help": "share of its rays that must meet what a probe sees, or the receiver stays "
+            "dark: fewer noisy receivers for more dark ones",
+            "unit": "",
+        },
+    )
+    visibility: Visibility = field(
+        default="cached",
+        metadata={
+            "help": "in the bake: cached settles most of it by tables of a few rays per probe and "
+            "texel and traces the rest, exact traces everything and is slower",
+            "unit": "",
+        },
+    )
+    interpolation: Interpolation = field(
+        default="srp",
+        metadata={
+            "help": "between probes: srp (mutual visibility), or for comparison spatial (by "
+            "distance alone) or visibility (from the probes that a receiver sees)",
+            "unit": "",
+        },
+    )
 
     def __post_init__(self) -> None:
-        at_least_one = (
-            "relight_samples", "transport_rays", "cluster_size", "svd_vectors", "chunk_rays",
-        )  # fmt: skip
-        for name in at_least_one:
+        for name in ("relight_samples", "transport_rays", "cluster_size", "svd_vectors"):
             if getattr(self, name) < 1:
                 raise BadInput(f"{name} is {getattr(self, name)}", mend="use 1 or more")
-        for name in ("probes", "workers"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise BadInput(f"{name} is {value}", mend="use 1 or more")
+        if self.probes is not None and self.probes < 1:
+            raise BadInput(f"probes is {self.probes}", mend="use 1 or more")
         if not 0 <= self.sh_order <= MAX_SH_ORDER:
-            raise BadInput(f"sh_order is {self.sh_order}", mend=f"use 0 to {MAX_SH_ORDER}")
+            raise BadInput(
+                f"SH order is {self.sh_order}; 0 to {MAX_SH_ORDER} are there",
+                mend=f"use --sh-order {MAX_SH_ORDER} or less"
+                if self.sh_order > 0
+                else "use --sh-order 0 or more",
+            )
         if not self.overlap > 0:
             raise BadInput(f"overlap is {self.overlap}", mend="use more than 0")
         if not 0 <= self.svd_threshold < 1:
             raise BadInput(f"svd_threshold is {self.svd_threshold}", mend="use 0 to below 1")
         if not 0 <= self.least_valid < 1:
             raise BadInput(f"least_valid is {self.least_valid}", mend="use 0 to below 1")
-        if self.visibility not in ("cached", "exact"):
-            raise BadInput(f"visibility is '{self.visibility}'", mend="use cached or exact")
-        if self.interpolation not in INTERPOLATIONS:
-            raise BadInput(
-                f"interpolation is '{self.interpolation}'", mend=f"use {', '.join(INTERPOLATIONS)}"
-            )
+        for name, known in (("visibility", Visibility), ("interpolation", Interpolation)):
+            if getattr(self, name) not in get_args(known):
+                raise BadInput(
+                    f"{name} is '{getattr(self, name)}'", mend=f"use {', '.join(get_args(known))}"
+                )
 
-    def key(self) -> str:
-        """All that changes the result, as text; what only changes speed and memory is left out."""
-        speed = ("workers", "chunk_rays")
-        names = [field.name for field in fields(self) if field.name not in speed]
-        return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
+    @property
+    def placement(self) -> tuple[object, ...]:
+        """What the place of the probes depends on."""
+        return self.probes, self.overlap
+
+    @property
+    def everything(self) -> tuple[object, ...]:
+        """What the compressed transport depends on: all there is."""
+        return astuple(self)

@@ -1,145 +1,61 @@
-"""Baking SRP: probes, relight samples and compressed transport, through a resumable store."""
+"""The stages of SRP's bake: probes, relight samples, visibility tables, compressed transport.
+
+Transport is made of units, one for each leaf of the receivers' AABB tree: its rows are computed,
+compressed and stored before a worker takes the next. A bake of a lower SH order is one stage more,
+made from the transport of the highest.
+"""
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
-from pathlib import Path
-from queue import SimpleQueue
-from time import perf_counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gibench.arrays import Ints
-from gibench.bake.store import FORMAT_VERSION, Arrays, BakeStore
-from gibench.progress import progress
-from gibench.rays.embree import EmbreeTracer
+from gibench.bake.stage import Arrays, Format, Keep, Stage, Unit, stage_key
+from gibench.rays.embree import scene_tracer
+from gibench.rays.offset import surface_offset
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.srp.bake.cpca import aabb_clusters, compress
-from gibench.techniques.srp.bake.data import Cluster, ProbeSet, RelightSamples, SrpBake
-from gibench.techniques.srp.bake.expected_light import ExpectedLight, expected_light
+from gibench.techniques.srp.bake.data import Cluster, ProbeSet, RelightSamples, SrpBake, sh_count
+from gibench.techniques.srp.bake.expected_light import expected_light
+from gibench.techniques.srp.bake.lower_order import lower_clusters
 from gibench.techniques.srp.bake.probes import mean_overlap, place_probes
 from gibench.techniques.srp.bake.relight import relight_samples
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.transport import (
-    Clock,
-    TransportBaker,
-    TransportWorker,
-    surface_offset,
-)
-from gibench.techniques.srp.bake.visibility import visibility_tables
+from gibench.techniques.srp.bake.transport import CHUNK_RAYS, TransportBaker
+from gibench.techniques.srp.bake.visibility import VisibilityTables, visibility_tables
+from gibench.work import Worker
 
-
-@dataclass
-class BakeReport:
-    """What a bake did.
-
-    Attributes:
-        units_baked: AABB leaves computed by this run.
-        units_loaded: AABB leaves that were in the store.
-        seconds: wall time of each stage.
-        clock: time and counts of each part of the transport, summed over workers.
-        stored_bytes: size of the store on disk.
-    """
-
-    units_baked: int = 0
-    units_loaded: int = 0
-    seconds: dict[str, float] = field(default_factory=dict)
-    clock: Clock = field(default_factory=Clock)
-    stored_bytes: int = 0
-
-
-def bake_key(scene: Scene, lightmap: Lightmap, settings: SrpBakeSettings, seed: int) -> str:
-    """SHA-256 of everything the bake depends on."""
-    given = scene.probes.positions
-    digest = hashlib.sha256()
-    for part in (
-        f"srp {FORMAT_VERSION}",
-        scene.geometry_hash(),
-        lightmap.content_hash(),
-        settings.key(),
-        str(seed),
-        str(scene.probes.count),
-    ):
-        digest.update(part.encode() + b"\0")
-    if given is not None:
-        digest.update(np.ascontiguousarray(given, np.float32).tobytes())
-    return digest.hexdigest()
-
-
-def bake_srp(
-    scene: Scene,
-    lightmap: Lightmap,
-    settings: SrpBakeSettings,
-    store_dir: Path,
-    seed: int = 0,
-    report: BakeReport | None = None,
-) -> SrpBake:
-    """All that SRP computes ahead of frames, from the store where it is there already.
-
-    Each AABB leaf is computed, compressed and stored before its worker takes the next; what is in
-    the store is not computed again. Interrupted, a rerun goes on from there.
-
-    Args:
-        scene: the scene.
-        lightmap: its atlas.
-        settings: of the bake.
-        store_dir: folder of the stores; this bake's is named by its content key.
-        seed: of every random choice.
-        report: filled in with what was done, where one is given.
-
-    Raises:
-        BadInput: the scene has no place for the probes, or the store cannot be written.
-        CannotRun: there is no OpenCL device, or the disk is full.
-    """
-    report = BakeReport() if report is None else report
-    made_from = {"scene": scene.name, "receivers": len(lightmap.receivers)}
-    made_from |= {"settings": settings.key(), "seed": seed}
-    store = BakeStore(store_dir, bake_key(scene, lightmap, settings, seed), made_from)
-    with store.locked():
-        tracer = EmbreeTracer(scene.corners)
-        start = perf_counter()
-        probes = _probes(store, scene, lightmap, settings, tracer, seed)
-        report.seconds["probes"] = -(start - (start := perf_counter()))
-        relight = _relight(store, scene, lightmap, settings, probes, tracer, seed)
-        report.seconds["relight"] = -(start - (start := perf_counter()))
-        members = aabb_clusters(lightmap.receivers.position, settings.cluster_size)
-        found = {i: _load_unit(store, i, members[i]) for i in range(len(members))}
-        missing = [i for i, unit in found.items() if unit is None]
-        report.units_loaded = len(members) - len(missing)
-        report.units_baked = len(missing)
-        if missing:
-            offset = surface_offset(scene)
-            tables = None
-            if settings.visibility == "cached":
-                tables = visibility_tables(scene, lightmap, probes, tracer, offset, seed)
-            report.seconds["visibility tables"] = -(start - (start := perf_counter()))
-            baker = TransportBaker(scene, lightmap, probes, settings, tracer, tables, seed)
-            light = expected_light(lightmap, relight)
-            for i, baked in _bake_units(baker, light, store, members, missing, report.clock):
-                found[i] = baked
-            report.seconds["transport"] = -(start - (start := perf_counter()))
-        report.stored_bytes = store.nbytes()
-    units = [unit for i in range(len(members)) if (unit := found[i]) is not None]
-    usable = sum(unit.usable for unit in units)
-    return SrpBake(
-        settings.sh_order,
-        probes,
-        relight,
-        tuple(cluster for unit in units for cluster in unit.clusters),
-        usable / max(1, len(lightmap.receivers)),
-        mean_overlap(probes, lightmap.receivers.position),
-    )
+# Raised whenever what a stage computes, or how it is stored, changes.
+PROBES_VERSION = RELIGHT_VERSION = VISIBILITY_VERSION = TRANSPORT_VERSION = LOWER_VERSION = 4
 
 
 @dataclass(frozen=True)
-class Unit:
-    """One unit of work: the clusters of one AABB leaf.
+class Given:
+    """What every stage is computed from.
+
+    Attributes:
+        scene: the scene.
+        lightmap: its atlas.
+        settings: of the bake.
+        seed: of every random choice.
+        chunk_rays: primary rays that a worker traces at once; no result depends on it.
+    """
+
+    scene: Scene
+    lightmap: Lightmap
+    settings: SrpBakeSettings
+    seed: int = 0
+    chunk_rays: int = CHUNK_RAYS
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """The clusters of one leaf of the AABB tree.
 
     Attributes:
         clusters: the leaf as one cluster, or refined.
@@ -150,137 +66,273 @@ class Unit:
     usable: int
 
 
-def _probes(
-    store: BakeStore,
-    scene: Scene,
-    lightmap: Lightmap,
-    settings: SrpBakeSettings,
-    tracer: EmbreeTracer,
-    seed: int,
-) -> ProbeSet:
-    if (stored := store.load("probes")) is not None:
-        return ProbeSet(stored["positions"], float(stored["radius"]))
-    probes = place_probes(
-        scene, lightmap, tracer, settings.probes, settings.overlap, surface_offset(scene), seed
+def srp_stages(given: Given, order: int | None = None) -> tuple[Stage, ...]:
+    """The stages of a bake; the last one's value is the :class:`SrpBake`.
+
+    Args:
+        given: what it is computed from.
+        order: a lower SH order than the settings' that it is lowered to once it is baked.
+
+    Raises:
+        ValueError: ``order`` is higher than the settings'.
+    """
+    probes, relight, visibility, transport = _highest(given)
+    leaves, lowered = transport, tuple[Stage, ...]()
+    if order is not None and order != given.settings.sh_order:
+        if order > given.settings.sh_order:
+            raise ValueError(f"order {order} cannot be had from order {given.settings.sh_order}")
+        leaves = _lowered(given, transport, order)
+        lowered = (leaves,)
+    order = given.settings.sh_order if order is None else order
+    needs = (probes, relight, leaves)
+    whole = Stage(
+        name="srp-bake",
+        key=stage_key("srp-bake", 0, needs=needs),
+        compute=_assemble,
+        given=(given, order),
+        needs=needs,
+        keep=Keep.NEVER,
     )
-    store.save(
-        "probes", {"positions": probes.positions, "radius": np.asarray(probes.radius, np.float64)}
+    return probes, relight, visibility, transport, *lowered, whole
+
+
+def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
+    """Probes, relight samples, visibility tables and transport at the settings' SH order."""
+    scene, lightmap, settings = given.scene, given.lightmap, given.settings
+    own = scene.probes.count, scene.probes.positions
+    probes = Stage(
+        name="srp-probes",
+        key=stage_key(
+            "srp-probes",
+            PROBES_VERSION,
+            scene.geometry_hash(),
+            lightmap.content_hash(),
+            settings.placement,
+            given.seed,
+            own[0],
+            "none" if own[1] is None else np.asarray(own[1], np.float32),
+        ),
+        compute=_probes,
+        given=given,
+        format=Format(_write_probes, _read_probes),
+        made_from=_made_from(given, probes=settings.probes, overlap=settings.overlap),
     )
-    return probes
+    order, samples = settings.sh_order, settings.relight_samples
+    relight = Stage(
+        name="srp-relight",
+        key=stage_key("srp-relight", RELIGHT_VERSION, order, samples, needs=(probes,)),
+        compute=_relight,
+        given=given,
+        needs=(probes,),
+        format=Format(_write_relight, _read_relight),
+        made_from=_made_from(given, sh_order=order, relight_samples=samples),
+    )
+    visibility = Stage(
+        name="srp-visibility",
+        key=stage_key("srp-visibility", VISIBILITY_VERSION, needs=(probes,)),
+        compute=_visibility,
+        given=given,
+        needs=(probes,),
+        format=Format(_write_tables, _read_tables),
+        keep=Keep.WHILE_NEEDED,
+        made_from=_made_from(given),
+    )
+    needs = (probes, relight, *((visibility,) if settings.visibility == "cached" else ()))
+    members = aabb_clusters(lightmap.receivers.position, settings.cluster_size)
+    transport = Stage(
+        name="srp-transport",
+        key=stage_key("srp-transport", TRANSPORT_VERSION, settings.everything, needs=needs),
+        compute=_transport,
+        given=given,
+        needs=needs,
+        units=tuple(
+            Unit(f"cluster-{index:05d}", index, own, len(own)) for index, own in enumerate(members)
+        ),
+        format=Format(_write_leaf, _read_leaf),
+        title="Baking transport",
+        made_from=_made_from(given, settings=repr(settings)),
+    )
+    return probes, relight, visibility, transport
 
 
-def _relight(
-    store: BakeStore,
-    scene: Scene,
-    lightmap: Lightmap,
-    settings: SrpBakeSettings,
-    probes: ProbeSet,
-    tracer: EmbreeTracer,
-    seed: int,
-) -> RelightSamples:
-    if (stored := store.load("relight")) is not None:
-        return RelightSamples(stored["directions"], stored["basis"], stored["texel"])
-    order, count = settings.sh_order, settings.relight_samples
-    samples = relight_samples(scene, lightmap, probes, tracer, order, count, seed)
-    arrays = {name: getattr(samples, name) for name in ("directions", "basis", "texel")}
-    store.save("relight", arrays)
-    return samples
+def _lowered(given: Given, transport: Stage, order: int) -> Stage:
+    """The transport of a lower SH order."""
+    assert transport.units is not None
+    settings = replace(given.settings, sh_order=order)
+    return Stage(
+        name="srp-lowered",
+        key=stage_key("srp-lowered", LOWER_VERSION, order, needs=(transport,)),
+        compute=_lower,
+        given=(given.settings, order),
+        needs=(transport,),
+        units=tuple(replace(u, name=f"lowered-{u.index:05d}", size=1) for u in transport.units),
+        format=Format(_write_leaf, _read_leaf),
+        title=f"Lowering the bake to order {order}",
+        made_from=_made_from(given, settings=repr(settings)),
+    )
 
 
-def _name(index: int) -> str:
-    return f"cluster-{index:05d}"
+def _made_from(given: Given, **more: Any) -> tuple[tuple[str, Any], ...]:
+    of = {"scene": given.scene.name, "receivers": len(given.lightmap.receivers)}
+    return tuple({**of, "seed": given.seed, **more}.items())
 
 
-def _load_unit(store: BakeStore, index: int, members: Ints) -> Unit | None:
-    stored = store.load(_name(index))
-    if stored is None:
-        return None
-    clusters = tuple(_cluster(stored, part) for part in range(int(stored["parts"])))
-    held = np.sort(np.concatenate([c.receivers for c in clusters]))
-    if not np.array_equal(held, members):
-        return None
-    return Unit(clusters, int(stored["usable"]))
+# What the stages compute
+
+
+def _probes(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) -> ProbeSet:
+    settings = given.settings
+    return place_probes(
+        given.scene,
+        given.lightmap,
+        scene_tracer(given.scene),
+        count=settings.probes,
+        overlap=settings.overlap,
+        offset=surface_offset(given.scene),
+        seed=given.seed,
+    )
+
+
+def _relight(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) -> RelightSamples:
+    (probes,) = needed
+    return relight_samples(
+        given.scene,
+        given.lightmap,
+        probes,
+        scene_tracer(given.scene),
+        sh_order=given.settings.sh_order,
+        count=given.settings.relight_samples,
+        seed=given.seed,
+    )
+
+
+def _visibility(
+    given: Given, needed: Sequence[Any], unit: Unit, worker: Worker
+) -> VisibilityTables:
+    (probes,) = needed
+    return visibility_tables(
+        given.scene,
+        given.lightmap,
+        probes,
+        scene_tracer(given.scene),
+        offset=surface_offset(given.scene),
+        seed=given.seed,
+    )
+
+
+def _transport(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) -> Leaf:
+    """Rows of one leaf's receivers, compressed."""
+    probes, relight, tables = (*needed, None)[:3]
+    lightmap, settings, members = given.lightmap, given.settings, unit.data
+
+    def make() -> TransportBaker:
+        return TransportBaker(
+            given.scene,
+            lightmap,
+            probes,
+            settings,
+            scene_tracer(given.scene),
+            tables,
+            seed=given.seed,
+            chunk_rays=given.chunk_rays,
+        )
+
+    baker = worker.shared("transport", make)
+    light = worker.shared("expected light", lambda: expected_light(lightmap, relight))
+    rows = worker.own("transport", baker.worker).rows(members)
+    clusters = compress(
+        members,
+        positions=lightmap.receivers.position[members],
+        normals=lightmap.receivers.normal[members],
+        probes=rows.probes,
+        matrix=rows.matrix,
+        light=light.columns(rows.probes),
+        most=settings.svd_vectors,
+        threshold=settings.svd_threshold,
+    )
+    return Leaf(tuple(clusters), int((rows.valid > 0).sum()))
+
+
+def _lower(
+    given: tuple[SrpBakeSettings, int], needed: Sequence[Any], unit: Unit, worker: Worker
+) -> Leaf:
+    settings, order = given
+    leaf: Leaf = needed[0][unit.index]
+    lowered = lower_clusters(
+        leaf.clusters,
+        before=settings.sh_order,
+        order=order,
+        most=settings.svd_vectors,
+        threshold=settings.svd_threshold,
+    )
+    return replace(leaf, clusters=tuple(lowered))
+
+
+def _assemble(
+    given: tuple[Given, int], needed: Sequence[Any], unit: Unit, worker: Worker
+) -> SrpBake:
+    (of, order), (probes, relight, leaves) = given, needed
+    receivers = of.lightmap.receivers
+    basis = np.ascontiguousarray(relight.basis[:, : sh_count(order)])
+    return SrpBake(
+        sh_order=order,
+        probes=probes,
+        relight=replace(relight, basis=basis),
+        clusters=tuple(cluster for leaf in leaves for cluster in leaf.clusters),
+        usable_share=sum(leaf.usable for leaf in leaves) / max(1, len(receivers)),
+        overlap=mean_overlap(probes, receivers.position),
+    )
+
+
+# How it is stored
+
+
+def _write_probes(probes: ProbeSet) -> Arrays:
+    return {"positions": probes.positions, "radius": np.asarray(probes.radius, np.float64)}
+
+
+def _read_probes(unit: Unit, stored: Arrays) -> ProbeSet:
+    return ProbeSet(stored["positions"], float(stored["radius"]))
+
+
+def _write_relight(relight: RelightSamples) -> Arrays:
+    return {name: getattr(relight, name) for name in ("directions", "basis", "texel")}
+
+
+def _read_relight(unit: Unit, stored: Arrays) -> RelightSamples:
+    return RelightSamples(stored["directions"], stored["basis"], stored["texel"])
+
+
+def _write_tables(tables: VisibilityTables) -> Arrays:
+    return {"grid": np.asarray(tables.grid), "states": tables.states}
+
+
+def _read_tables(unit: Unit, stored: Arrays) -> VisibilityTables:
+    return VisibilityTables(int(stored["grid"]), stored["states"])
 
 
 _CLUSTER_ARRAYS = ("receivers", "probes", "projection", "reconstruction", "error")
 
 
-def _cluster(stored: Arrays, part: int) -> Cluster:
+def _write_leaf(leaf: Leaf) -> Arrays:
+    arrays = {"parts": np.asarray(len(leaf.clusters)), "usable": np.asarray(leaf.usable)}
+    for part, cluster in enumerate(leaf.clusters):
+        arrays |= {f"{n}-{part}": np.asarray(getattr(cluster, n)) for n in _CLUSTER_ARRAYS}
+    return arrays
+
+
+def _read_leaf(unit: Unit, stored: Arrays) -> Leaf | None:
+    """None where the clusters hold other receivers than the unit's."""
+    members: Ints = unit.data
+    clusters = tuple(_read_cluster(stored, part) for part in range(int(stored["parts"])))
+    held = np.sort(np.concatenate([cluster.receivers for cluster in clusters]))
+    if not np.array_equal(held, members):
+        return None
+    return Leaf(clusters, int(stored["usable"]))
+
+
+def _read_cluster(stored: Arrays, part: int) -> Cluster:
     receivers, probes, projection, reconstruction, error = (
         stored[f"{name}-{part}"] for name in _CLUSTER_ARRAYS
     )
     return Cluster(receivers, probes, projection, reconstruction, float(error))
-
-
-def _bake_unit(
-    worker: TransportWorker, light: ExpectedLight, store: BakeStore, index: int, members: Ints
-) -> Unit:
-    """Compute, compress, store."""
-    receivers, settings = worker.baker.lightmap.receivers, worker.baker.settings
-    rows = worker.rows(members)
-    start = perf_counter()
-    clusters = compress(
-        members,
-        receivers.position[members],
-        receivers.normal[members],
-        rows.probes,
-        rows.matrix,
-        light.columns(rows.probes),
-        settings.svd_vectors,
-        settings.svd_threshold,
-    )
-    start = worker.clock.add("compress", start, len(members))
-    usable = int((rows.valid > 0).sum())
-    arrays = {"parts": np.asarray(len(clusters)), "usable": np.asarray(usable)}
-    for part, cluster in enumerate(clusters):
-        arrays |= {f"{n}-{part}": np.asarray(getattr(cluster, n)) for n in _CLUSTER_ARRAYS}
-    store.save(_name(index), arrays)
-    worker.clock.add("store", start, 1)
-    return Unit(tuple(clusters), usable)
-
-
-def _bake_units(
-    baker: TransportBaker,
-    light: ExpectedLight,
-    store: BakeStore,
-    members: list[Ints],
-    missing: list[int],
-    clock: Clock,
-) -> Iterator[tuple[int, Unit]]:
-    """Bake the ``missing`` leaves, as many at once as there are workers."""
-    count = max(1, min(baker.settings.workers or os.cpu_count() or 1, len(missing)))
-    idle: SimpleQueue[TransportWorker] = SimpleQueue()
-    workers = [baker.worker() for _ in range(count)]
-    for worker in workers:
-        idle.put(worker)
-
-    def bake(index: int) -> tuple[int, Unit]:
-        worker = idle.get()
-        try:
-            return index, _bake_unit(worker, light, store, index, members[index])
-        finally:
-            idle.put(worker)
-
-    receivers = sum(len(members[i]) for i in missing)
-    # BLAS threads of one worker would only take the cores of the others.
-    with (
-        threadpool_limits(limits=1 if count > 1 else None),
-        progress("Baking transport", receivers) as advance,
-        ThreadPoolExecutor(count) as pool,
-    ):
-        waiting = iter(missing)
-        running: set[Future[tuple[int, Unit]]] = set()
-        while True:
-            while len(running) < count and (index := next(waiting, None)) is not None:
-                running.add(pool.submit(bake, index))
-            if not running:
-                break
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                index, unit = future.result()
-                advance(len(members[index]))
-                yield index, unit
-    for worker in workers:
-        for part, seconds in worker.clock.seconds.items():
-            clock.seconds[part] = clock.seconds.get(part, 0.0) + seconds
-            clock.counts[part] = clock.counts.get(part, 0) + worker.clock.counts[part]

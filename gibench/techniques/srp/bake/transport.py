@@ -18,6 +18,7 @@ import pyopencl as cl
 
 from gibench.arrays import Floats, Ints
 from gibench.device import build_program, kernel_source, list_devices, vector_width
+from gibench.rays.offset import SHORT_OF_TARGET, surface_offset
 from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
@@ -27,13 +28,10 @@ from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.visibility import UNDECIDED, VisibilityTables, no_tables
 from gibench.techniques.srp.bake.weights import Nearby, nearby
 
-# Rays start off the surface they leave by this share of the scene's extent: some 30 times the
-# rounding of a float32 coordinate of that size.
-SURFACE_OFFSET = 4e-6
-# Visibility rays end short of their target by this share of their length, for the same reason.
-SHORT_OF_TARGET = 1e-5
 # Samples of one work-item, as BLOCK in the kernels.
 BLOCK = 64
+# Primary rays that a worker traces at once.
+CHUNK_RAYS = 1 << 19
 
 
 class TransportRows(NamedTuple):
@@ -73,12 +71,6 @@ class Clock:
         return now
 
 
-def surface_offset(scene: Scene) -> float:
-    """How far rays start off a surface of ``scene``, m."""
-    low, high = scene.bounds
-    return float(SURFACE_OFFSET * max(np.abs(low).max(), np.abs(high).max(), np.ptp([low, high])))
-
-
 class TransportBaker:
     """Computes transport rows; all that the chunks share is uploaded once.
 
@@ -90,6 +82,7 @@ class TransportBaker:
         tracer: traces against the scene's triangles; called from several threads.
         tables: visibility tables, or None to trace every pair.
         seed: of the samples.
+        chunk_rays: primary rays traced at once by one worker; about 60 bytes of memory each.
         cl_device: OpenCL device; by default the first there is.
         vector: floats per vector, 1, 2, 4, 8 or 16; by default what the device prefers.
 
@@ -106,12 +99,14 @@ class TransportBaker:
         tracer: RayTracer,
         tables: VisibilityTables | None,
         seed: int = 0,
+        chunk_rays: int = CHUNK_RAYS,
         cl_device: Any = None,
         vector: int | None = None,
     ) -> None:
         self.lightmap = lightmap
         self.probes = probes
         self.settings = settings
+        self.chunk_rays = chunk_rays
         self.tracer = tracer
         self.offset = surface_offset(scene)
         self.table_receivers = len(lightmap.receivers) if tables else 0
@@ -207,7 +202,7 @@ class TransportWorker:
 
     def _chunks(self, pairs: Nearby) -> Iterator[slice]:
         """Runs of receivers with at most ``chunk_rays`` rays, and 16 pairs per ray on average."""
-        most_receivers = max(1, self.baker.settings.chunk_rays // self.baker.stride)
+        most_receivers = max(1, self.baker.chunk_rays // self.baker.stride)
         begin, count = 0, len(pairs.start) - 1
         while begin < count:
             end = begin + 1

@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter
 
 from gibench.arrays import Floats
 from gibench.progress import progress
+from gibench.rays.offset import SHORT_OF_TARGET
 from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
@@ -32,7 +33,6 @@ POINTS_PER_TEXEL = 4
 # Cells along one side of a probe's octahedral map of directions: 1.2 degrees each.
 DIRECTION_GRID = 128
 RAYS_PER_CELL_SIDE = 2
-SHORT_OF_TARGET = 1e-5
 
 Flags = npt.NDArray[np.bool_]
 
