@@ -164,7 +164,10 @@ class Tuned:
         return [Launch(program, "cluster_projection", args, groups=-(-count // self._share))]
 
     def _transported(self) -> Sequence[Launch]:
-        defines: dict[str, int | str] = {"STORAGE": storage_macro(self.given.storage), "VEC": self._width}
+        defines: dict[str, int | str] = {
+            "STORAGE": storage_macro(self.given.storage),
+            "VEC": self._width,
+        }
         program = ProgramSpec("srp/tuned_transport.cl", defines)
         count = self._receiver_blocks.shape[0]
         args = (
