@@ -145,7 +145,7 @@ class _Bake:
 
     def _executor(self, units: Sequence[Unit]) -> Executor:
         """A single unit is computed here: nothing is gained elsewhere, and Ctrl-C stops it."""
-        return self.executor if len(units) > 1 else Serial()
+        return self.executor if len(units) > 1 else Serial(says_unit=False)
 
 
 @dataclass(frozen=True)

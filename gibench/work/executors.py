@@ -68,7 +68,13 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class Serial:
-    """Computes in the calling thread, one unit after another."""
+    """Computes in the calling thread, one unit after another.
+
+    Attributes:
+        says_unit: whether what a unit raises says which; needless where there is only one.
+    """
+
+    says_unit: bool = True
 
     def run(
         self, compute: Compute[C, U, R], common: C, units: Iterable[U], done: Done[U, R] = ignore
@@ -77,7 +83,8 @@ class Serial:
         worker, results = Worker(), []
         for unit in units:
             with threadpool_limits(limits=1):
-                result = _computed(compute, common, unit, worker)
+                run = _computed if self.says_unit else _plainly
+                result = run(compute, common, unit, worker)
             done(unit, result)
             results.append(result)
         return results
@@ -132,6 +139,10 @@ class Threads:
                         keep(future)
                 raise
         return [results[number] for number in sorted(results)]
+
+
+def _plainly(compute: Compute[C, U, R], common: C, unit: U, worker: Worker) -> R:
+    return compute(common, unit, worker)
 
 
 def _computed(compute: Compute[C, U, R], common: C, unit: U, worker: Worker) -> R:

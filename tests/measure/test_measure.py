@@ -353,4 +353,6 @@ def test_a_lightmap_is_unwrapped_once_and_again_when_damaged(
     assert cached_lightmap(scene, 300, tmp_path).content_hash() == first.content_hash()
     assert len(calls) == 1
     cached_lightmap(replace(scene, lights=()), 300, tmp_path)
+    assert len(calls) == 1  # lights have no part in it
+    cached_lightmap(replace(scene, normals=-scene.normals), 300, tmp_path)
     assert len(calls) == 2  # other content, other file

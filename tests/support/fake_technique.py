@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from gibench.bake.stage import Keep, Stage, Unit, stage_key
 from gibench.device import Device, Launch, ProgramSpec, reads, scalar, writes
 from gibench.errors import BadInput
 from gibench.techniques.job import Job, World
 from gibench.techniques.registry import BakeContext, TechniqueSpec
 from gibench.techniques.technique import Pass, Work
+from gibench.work import Worker
 
 FLOATS = 4096
 
@@ -102,8 +105,15 @@ class Fake:
         return {"receivers": self.receivers, "probes": self.settings.probes or 7}
 
 
-def bake(context: BakeContext) -> None:
-    if getattr(context.settings, "fault", None) == "bake":
+def stages(context: BakeContext) -> tuple[Stage, ...]:
+    """One that refuses if told so."""
+    return (
+        Stage("fake-bake", stage_key("fake-bake", 1), refuse, context.settings, keep=Keep.NEVER),
+    )
+
+
+def refuse(settings: Any, needed: Sequence[Any], unit: Unit, worker: Worker) -> None:
+    if getattr(settings, "fault", None) == "bake":
         raise BadInput("the bake refuses")
 
 
@@ -116,7 +126,7 @@ SPEC = TechniqueSpec(
     title="Two streaming passes",
     variants=("published", "tuned"),
     settings_type=FakeSettings,
-    bake=bake,
+    stages=stages,
     create=Fake,
     memory_floor=floor,
 )
@@ -132,7 +142,7 @@ PLAIN = TechniqueSpec(
     title="One without options or variants",
     variants=("tuned",),
     settings_type=PlainSettings,
-    bake=bake,
+    stages=stages,
     create=Fake,
     memory_floor=lambda scene, n, settings, width, height: 0,
 )
