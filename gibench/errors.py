@@ -8,6 +8,16 @@ wrong, where, and how to mend it.
 from __future__ import annotations
 
 
+def printable(text: str) -> str:
+    """Text that every stream can write: bytes of file names that are not UTF-8, which Python keeps
+    as lone surrogates (PEP 383), and other surrogates are written out.
+    """
+    try:
+        return text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:
+        return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 class GibenchError(Exception):
     """An error with a one-line message for the user.
 
@@ -24,7 +34,8 @@ class GibenchError(Exception):
         self.where = None if where is None else str(where)
         self.mend = mend
         message = what if self.where is None else f"{self.where}: {what}"
-        super().__init__(" ".join((message if mend is None else f"{message}; {mend}").split()))
+        line = " ".join((message if mend is None else f"{message}; {mend}").split())
+        super().__init__(printable(line))
 
 
 class CheckFailed(GibenchError):

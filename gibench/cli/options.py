@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gibench.cli.notices import errors_only
-from gibench.errors import BadInput
+from gibench.errors import BadInput, printable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -396,5 +396,6 @@ def recorded(given: Mapping[str, Any], *names: str) -> dict[str, Any]:
     for name in {"device_profile", "scene", "camera_path"} & set(arguments):
         value = arguments[name]
         is_one = isinstance(value, str)
-        arguments[name] = Path(value).name if is_one else [Path(each).name for each in value]
+        names_only = [printable(Path(each).name) for each in ([value] if is_one else value)]
+        arguments[name] = names_only[0] if is_one else names_only
     return arguments

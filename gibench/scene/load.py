@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from gibench.errors import BadInput
+from gibench.errors import BadInput, printable
 from gibench.scene import builtin
 from gibench.scene.model import Scene
 from gibench.scene.readers.assemble import assembled
@@ -43,7 +43,7 @@ def _from_file(name_or_path: str) -> Scene:
     if path.suffix.lower() == ".toml":
         return load_scene_file(path)
     content = read_mesh(path)
-    return assembled(path.stem, content, path)
+    return assembled(printable(path.stem), content, path)
 
 
 def _exists(path: Path) -> bool:

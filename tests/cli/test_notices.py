@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from pathlib import Path
 
@@ -64,3 +65,16 @@ def test_a_warning_of_a_library_is_told_in_our_words(
 def test_advice_carries_them() -> None:
     text = advice_report(pd.DataFrame(), "p", 3.0, "cpu", ["3 textures missing"])
     assert "\n> 3 textures missing" in text
+
+
+def test_a_scene_whose_name_is_no_utf_8(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / os.fsdecode(b"b\xfcro.obj")
+    path.write_text(ROOM)
+    options = ("--receivers", "50", "--cache-dir", str(tmp_path / "cache"))
+    assert call(["bake", "-t", "fake", "-s", str(path), *options]) == 0
+    out = capsys.readouterr()
+    assert "b\\xfcro" in out.out
+    out.err.encode()
+    path.unlink()
+    assert call(["bake", "-t", "fake", "-s", str(path), *options]) == 2
+    assert "b\\xfcro.obj" in capsys.readouterr().err

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from gibench.errors import printable
 from gibench.measure.machine.environment import device_record, environment, versions, without_paths
 from gibench.measure.runfolder.folder import SCHEMA_VERSION
 from gibench.measure.session.cold import ColdFacts
@@ -93,7 +94,7 @@ def _scenes(outcome: Outcome, shared: Shared) -> list[dict[str, Any]]:
     return [
         {
             "name": scene.name,
-            "file": Path(name).name,
+            "file": printable(Path(name).name),
             "triangles": len(scene.triangles),
             "content_hash": scene.content_hash(),
             "motions_hash": motions_hash(scene.motions),

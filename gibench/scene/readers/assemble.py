@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gibench.errors import printable
 from gibench.scene.defaults import scene_of
 from gibench.scene.model import Scene
 from gibench.scene.readers.backs import apart, with_backs
@@ -25,8 +26,20 @@ def assembled(name: str, content: Content, where: object) -> Scene:
         BadInput: no usable triangle is left.
     """
     content, origin = recentred(realised(content))
+    content = _printable(content)
     fronts = clean(content, where)
     mesh = with_backs(fronts, content.materials, content.lights, content.cameras)
     mesh = apart(mesh, backs=len(mesh.triangles) - len(fronts.triangles))
     scene = scene_of(name, mesh, content)
     return replace(scene, origin=origin) if any(origin) else scene
+
+
+def _printable(content: Content) -> Content:
+    """The content with names and warnings that can be written to any file."""
+    return replace(
+        content,
+        materials=tuple(replace(m, name=printable(m.name)) for m in content.materials),
+        cameras=tuple(replace(c, name=printable(c.name)) for c in content.cameras),
+        object_names=tuple(printable(name) for name in content.object_names),
+        warnings=tuple(printable(line) for line in content.warnings),
+    )

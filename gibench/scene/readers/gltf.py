@@ -63,7 +63,8 @@ def load_gltf(path: Path) -> Content:
     try:
         gltf = _parse(data, path)
         _check_extensions(gltf, path)
-        return _Reader(gltf, path).read()
+        with np.errstate(all="ignore"):  # NaN and infinity are dealt with in clean.py
+            return _Reader(gltf, path).read()
     except BadInput:
         raise
     # pygltflib checks no types: a wrong one anywhere in the JSON surfaces as one of these.

@@ -24,6 +24,8 @@ _DTYPES: dict[int, str] = {
     pygltflib.UNSIGNED_INT: "<u4",
     pygltflib.FLOAT: "<f4",
 }
+# An accessor without data is all zeros; more than the largest mesh could need are a mistake.
+_MOST_ZEROS = 1 << 28
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
@@ -69,6 +71,8 @@ class Buffers:
             self._fail(f"accessor {index} has count {accessor.count!r}")
         dtype = np.dtype(_DTYPES[accessor.componentType])
         if accessor.bufferView is None:
+            if accessor.count > _MOST_ZEROS:
+                self._fail(f"accessor {index} has count {accessor.count} and no data")
             values = np.zeros((accessor.count, width), dtype)
         else:
             values = self._strided(

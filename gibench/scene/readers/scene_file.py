@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gibench.arrays import Vec3
-from gibench.errors import BadInput
+from gibench.errors import BadInput, printable
 from gibench.progress import progress
 from gibench.scene.files import find_beside, read_bytes
 from gibench.scene.model import (
@@ -124,7 +124,7 @@ def scene_from_toml(text: str, *, where: object, folder: Path) -> Scene:
         lights=tuple(lights) or content.lights,
         cameras=tuple(cameras) or content.cameras,
     )
-    name = top.text("name", default=Path(str(where)).stem)
+    name = top.text("name", default=printable(Path(str(where)).stem))
     scene = assembled(name, content, where)
     if "environment" in top:
         environment = read_environment(entries["environment"], where=where, folder=folder)
