@@ -38,7 +38,6 @@ def sources() -> list[Path]:
     found = [ROOT / name for name in ("README.md", "ARCHITECTURE.md", "pyproject.toml")]
     for folder in FOLDERS:
         found += [path for path in (ROOT / folder).rglob("*") if path.suffix in KINDS]
-    found.remove(ROOT / "gibench/techniques/srp/bake/settings.py")
     return sorted(path for path in found if path.resolve() != ITSELF)
 
 
