@@ -19,6 +19,7 @@ from PIL import Image
 from gibench.errors import BadInput
 from gibench.scene.load import load_scene
 from gibench.scene.model import DirectionalLight, PointLight, SpotLight
+from gibench.scene.readers.backs import STEP
 from gibench.scene.readers.clean import clean
 from gibench.scene.readers.gltf import load_gltf
 
@@ -376,7 +377,9 @@ def test_a_random_mesh_comes_back_bit_for_bit(
     triangles = np.array([rng.permutation(vertices)[:3] for _ in range(count)])
     path = tmp_path_factory.mktemp("mesh") / "a.glb"
     scene = load_scene(str(File().mesh(positions, triangles.ravel()).glb(path)))
-    assert np.array_equal(scene.corners, positions[triangles])
+    # But for triangles that lie in one another back to back, which are moved a hair apart.
+    hair = 2 * STEP * np.abs(positions).max() if "in one plane" in str(scene.warnings) else 0.0
+    np.testing.assert_allclose(scene.corners, positions[triangles], rtol=0, atol=hair)
     np.testing.assert_allclose(np.linalg.norm(scene.normals, axis=1), 1, atol=1e-6)
     a, b, c = np.moveaxis(scene.corners.astype(float), 1, 0)
     flat = np.cross(b - a, c - a)

@@ -13,6 +13,7 @@ from PIL import Image
 from gibench.errors import BadInput
 from gibench.scene.load import load_scene
 from gibench.scene.model import Scene
+from gibench.scene.readers.backs import STEP
 
 SQUARE = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 0 1 0\n"
 
@@ -201,6 +202,8 @@ def test_a_random_mesh_comes_back_bit_for_bit(
     path = tmp_path_factory.mktemp("mesh") / "a.obj"
     path.write_text("\n".join(lines))
     scene = load_scene(str(path))
-    assert np.array_equal(scene.corners, positions[triangles])
+    # But for triangles that lie in one another back to back, which are moved a hair apart.
+    hair = 2 * STEP * np.abs(positions).max() if "in one plane" in str(scene.warnings) else 0.0
+    np.testing.assert_allclose(scene.corners, positions[triangles], rtol=0, atol=hair)
     assert np.array_equal(scene.uvs[scene.triangles], uvs[uv_indices])
     assert np.array_equal(scene.object_ids, np.unique(group, return_inverse=True)[1])
