@@ -109,6 +109,11 @@ class TechniqueSpec:
     follows: frozenset[Follows] = frozenset()
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
+    def bake_key(self, context: BakeContext) -> str:
+        """Tells what :meth:`bake` returns from all else; empty where nothing is baked."""
+        stages = self.stages(context)
+        return stages[-1].key if stages else ""
+
     def bake(
         self,
         context: BakeContext,

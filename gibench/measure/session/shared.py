@@ -10,6 +10,7 @@ from gibench.bake.lightmap import cached_lightmap
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.registry import BakeContext, TechniqueSpec
+from gibench.work import Executor
 
 
 @dataclass
@@ -22,13 +23,15 @@ class Shared:
     Attributes:
         cache_dir: where lightmaps and baked data are kept between runs.
         seed: of every random choice.
+        executor: of bakes; a thread per core by default.
     """
 
     cache_dir: Path
     seed: int
+    executor: Executor | None = None
     _scenes: dict[str, Scene] = field(default_factory=dict, repr=False)
     _lightmap: tuple[tuple[str, int], Lightmap] | None = field(default=None, repr=False)
-    _baked: dict[tuple[str, str], Any] = field(default_factory=dict, repr=False)
+    _baked: dict[str, Any] = field(default_factory=dict, repr=False)
 
     def scene(self, name_or_path: str) -> Scene:
         """The scene.
@@ -65,9 +68,10 @@ class Shared:
             GibenchError: it cannot be baked.
         """
         lightmap = self.lightmap(name_or_path, receivers)
-        key = (spec.name, repr(settings))
+        scene = self.scene(name_or_path)
+        context = BakeContext(scene, lightmap, settings, self.cache_dir, self.seed)
+        # The same as on the disk: settings that bake the same share it in memory, too.
+        key = spec.bake_key(context)
         if key not in self._baked:
-            self._baked[key] = spec.bake(
-                BakeContext(self.scene(name_or_path), lightmap, settings, self.cache_dir, self.seed)
-            )
+            self._baked[key] = spec.bake(context, self.executor)
         return lightmap, self._baked[key]

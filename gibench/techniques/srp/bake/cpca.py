@@ -23,9 +23,10 @@ from gibench.techniques.srp.bake.data import Cluster
 # they are, so that less brings nothing.
 SMALLEST_PART = 16
 # Weight of the error of the coefficients themselves, which is that under probe radiance that is
-# white noise, beside the error under expected light: for lights finer than its patches. Alike: at
-# a hundredth, random coefficients were 1.0 to 1.3 % off on samples of Sponza's leaves. They are 0.6
-# now, and the whole scene takes 106.8 MB instead of 90.1 (tests/support/srp_compression.py).
+# white noise, beside the error under expected light: for lights finer than its patches. At a
+# hundredth, random coefficients are 1.0 to 1.3 % off on samples of Sponza's leaves and the whole
+# scene takes 90.1 MB; at 1 they are 0.6 % off and it takes 106.8 MB
+# (tests/support/srp_compression.py).
 WHITE_LIGHT = 1.0
 # How much a direction counts beside a position, in extents of the cluster, where it is split.
 NORMAL_WEIGHT = 0.5

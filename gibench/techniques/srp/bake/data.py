@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-import numpy.typing as npt
-
 from gibench.arrays import Floats, Ints
 
 MAX_SH_ORDER = 7
@@ -100,6 +97,3 @@ class SrpBake:
         return bytes_per_value * sum(
             c.projection.size + c.reconstruction.size for c in self.clusters
         )
-
-
-Transport = npt.NDArray[np.float32]
