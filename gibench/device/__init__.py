@@ -16,6 +16,7 @@ from gibench.device.launch import (
     local,
     reads,
     scalar,
+    unsigned,
     updates,
     writes,
 )
@@ -52,6 +53,7 @@ __all__ = [
     "reads",
     "scalar",
     "total_bytes",
+    "unsigned",
     "updates",
     "vector_width",
     "writes",

@@ -175,6 +175,10 @@ class Device:
         if data.nbytes:
             cl.enqueue_copy(self.queue, buffer.mem, data)
 
+    def write_bytes(self, buffer: Buffer, array: npt.NDArray[Any]) -> None:
+        """Overwrite ``buffer`` from its start with the bytes of ``array``, whatever their type."""
+        self.write(buffer, np.ascontiguousarray(array).reshape(-1).view(buffer.dtype))
+
     def read(self, buffer: Buffer) -> npt.NDArray[Any]:
         """The content of ``buffer``, after everything enqueued before has finished."""
         out = np.empty(buffer.shape, buffer.dtype)

@@ -80,6 +80,11 @@ def integer(name: str, value: int) -> Argument:
     return Argument(name, np.int32(value))
 
 
+def unsigned(name: str, value: int) -> Argument:
+    """A ``uint``."""
+    return Argument(name, np.uint32(value))
+
+
 def local(name: str, nbytes: int) -> Argument:
     """Local memory of ``nbytes``."""
     return Argument(name, LocalMemory(nbytes))

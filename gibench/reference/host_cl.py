@@ -1,7 +1,7 @@
 """The reference's OpenCL kernels on the host CPU, sharing memory with Embree.
 
 The truth is not computed under a device profile: it runs on whatever CPU there is, on arrays that
-NumPy, Embree and OpenCL see alike (``USE_HOST_PTR``, which CPU runtimes do not copy).
+NumPy, Embree and OpenCL see alike (:class:`gibench.device.SharedBuffer`).
 """
 
 from __future__ import annotations
@@ -14,54 +14,44 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
-from gibench.device import build_program, kernel_source, list_devices, vector_width
+from gibench.device import Argument, Device, Launch, ProgramSpec, SharedBuffer, list_devices
 from gibench.errors import CannotRun
 
 GROUP = 256
 
 
 @dataclass(frozen=True)
-class Shared:
-    """An array that the host and the kernels both see; the queue must be idle when the host does.
+class HostProgram:
+    """The reference's kernels on a device without limits.
 
     Attributes:
-        array: the host's view.
-        buffer: the kernels' view.
+        device: where they run.
+        program: what they are built from.
+        group: work-items per group.
+        lanes: vertices that a work-item of the drawing kernels treats at once.
     """
 
-    array: npt.NDArray[Any] = field(repr=False)
-    buffer: Any = field(repr=False)
-
-
-@dataclass(frozen=True)
-class HostProgram:
-    """The built kernels, their queue, work-items per group, and vertices that a work-item of the
-    drawing kernels treats at once.
-    """
-
-    context: Any = field(repr=False)
-    queue: Any = field(repr=False)
-    kernels: dict[str, Any] = field(repr=False)
+    device: Device = field(repr=False)
+    program: ProgramSpec
     group: int = GROUP
     lanes: int = 1
 
-    def share(self, array: npt.NDArray[Any]) -> Shared:
-        """Show an array to the kernels; an empty one as a single element nobody reads."""
-        held = np.ascontiguousarray(array)
-        if held.size == 0:
-            held = np.zeros(1, held.dtype)
-        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
-        return Shared(held, cl.Buffer(self.context, flags, hostbuf=held))
+    @property
+    def queue(self) -> Any:
+        """The device's queue."""
+        return self.device.queue
 
-    def empty(self, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> Shared:
+    def share(self, array: npt.NDArray[Any]) -> SharedBuffer:
+        """Show an array to the kernels; an empty one as a single element nobody reads."""
+        return self.device.share("reference", array)
+
+    def empty(self, shape: int | tuple[int, ...], dtype: npt.DTypeLike) -> SharedBuffer:
         """A new shared array, not initialised."""
         return self.share(np.empty(shape, dtype))
 
-    def run(self, name: str, count: int, *arguments: Any) -> None:
+    def run(self, name: str, count: int, *arguments: Argument) -> None:
         """Enqueue a kernel over ``count`` work-items, rounded up to whole groups."""
-        values = [a.buffer if isinstance(a, Shared) else a for a in arguments]
-        size = -(-count // self.group) * self.group
-        self.kernels[name](self.queue, (size,), (self.group,), *values)
+        self.device.enqueue(Launch(self.program, name, arguments, items=count), self.group)
 
 
 @cache
@@ -71,12 +61,10 @@ def host_program(group: int = GROUP) -> HostProgram:
     Raises:
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
-    device = _cpu()
-    context, lanes = cl.Context([device]), vector_width(device)
-    defines = {"GROUP": group, "VEC": lanes}
-    built = build_program(context, kernel_source("reference/path.cl"), defines)
-    kernels = {kernel.function_name: kernel for kernel in built.all_kernels()}
-    return HostProgram(context, cl.CommandQueue(context), kernels, group, lanes)
+    device = Device.unlimited(_cpu())
+    lanes = device.vector_width
+    program = ProgramSpec("reference/path.cl", {"GROUP": group, "VEC": lanes})
+    return HostProgram(device, program, group, lanes)
 
 
 def _cpu() -> Any:

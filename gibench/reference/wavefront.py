@@ -9,14 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles
+from gibench.device import Argument, integer, reads, unsigned, updates, writes
 from gibench.rays.tracer import RayTracer
-from gibench.reference.host_cl import HostProgram, Shared, host_program
+from gibench.reference.host_cl import HostProgram, host_program
 from gibench.reference.packed import PackedFragments, PackedScene
 
 # Paths and shadow rays of one wave: enough that the short queues at a wave's end cost little,
@@ -116,29 +116,39 @@ class Wavefront:
         self.capacity = max(1, min(wave_paths, _WAVE_SHADOW_RAYS // max(1, self._slots)))
         height, width = scene.environment.shape[:2]
         table = scene.environment_table
-        self._triangles = share(scene.triangles)
-        self._materials = share(scene.materials)
-        self._textures = (share(scene.texture_pixels), share(scene.images))
-        self._environment = (np.int32(width), np.int32(height), share(scene.environment))
-        self._density = share(table.density)
-        self._light_tables: tuple[Any, ...] = (
-            share(scene.lights),
-            np.uint32(self._emitters),
-            share(scene.emitters.triangle),
-            share(scene.emitters.table),
-            *self._environment,
-            self._density,
-            share(table.rows),
-            share(table.columns),
-            share(table.edges),
+        self._triangles = reads("triangles", share(scene.triangles))
+        self._materials = reads("materials", share(scene.materials))
+        self._textures = (
+            reads("texture_pixels", share(scene.texture_pixels)),
+            reads("images", share(scene.images)),
         )
+        self._environment = (
+            integer("width", width),
+            integer("height", height),
+            reads("environment", share(scene.environment)),
+            reads("environment_density_", share(table.density)),
+        )
+        self._light_tables = (
+            reads("lights", share(scene.lights)),
+            unsigned("emitter_count", self._emitters),
+            reads("emitters", share(scene.emitters.triangle)),
+            reads("emitter_table", share(scene.emitters.table)),
+            *self._environment,
+            reads("environment_rows", share(table.rows)),
+            reads("environment_columns", share(table.columns)),
+            reads("environment_edges", share(table.edges)),
+        )
+        self._start: tuple[Argument, ...]
         if isinstance(start, ReceiverStart):
             f = start.fragments
-            self._start: tuple[Shared, ...] = tuple(
-                share(a) for a in (f.start, f.table, f.corners, f.triangle)
+            self._start = (
+                reads("fragment_start", share(f.start)),
+                reads("fragment_table", share(f.table)),
+                reads("fragment_corners", share(f.corners)),
+                reads("fragment_triangle", share(f.triangle)),
             )
         else:
-            self._start = (share(start.plane.astype(np.float32)),)
+            self._start = (reads("camera", share(start.plane.astype(np.float32))),)
 
     def round(
         self, samples: int, seed: int, advance: Callable[[int], None] = lambda paths: None
@@ -171,26 +181,42 @@ class Wavefront:
 
     def _wave(self, q: _Queues, first: int, owners: int, samples: int, seed: int) -> None:
         run, count = self.program.run, owners * samples
-        which = (np.uint32(first), np.uint32(samples), np.uint32(seed))
+        paths = (unsigned("first", first), unsigned("samples", samples))
+        which = (*paths, unsigned("round_seed", seed))
         at, after = q.vertices
         vertex, kind = 0, FROM_VERTEX
-        path_state = (q.throughput, q.collected)
-        run("draw_starts", -(-count // self.program.lanes), np.uint32(count), *which, *q.drawn)
+        path_state = (writes("throughput", q.throughput), writes("collected", q.collected))
+        number = unsigned("count", count)
+        numbers = (q.stride, updates("drawn", q.drawn))
+        run("draw_starts", -(-count // self.program.lanes), number, *which, *numbers)
         if isinstance(self.start, ReceiverStart):
             run(
                 "start_at_receivers",
                 count,
-                *(np.uint32(count), *which[:2], self._triangles, *self._start, *q.drawn),
-                *(*path_state, *at.surface),
+                number,
+                *paths,
+                self._triangles,
+                *self._start,
+                *q.drawn_before,
+                *path_state,
+                *at.reached,
             )
             self._go_on(q, at, count, vertex, which)
         else:
-            size = (np.uint32(self.start.width), np.uint32(self.start.height))
             run(
                 "start_at_camera",
                 count,
-                *(np.uint32(count), *which[:2], *size, *self._start, *q.drawn),
-                *(*path_state, *at.rays),
+                number,
+                *paths,
+                unsigned("width", self.start.width),
+                unsigned("height", self.start.height),
+                *self._start,
+                *q.drawn_before,
+                *path_state,
+                writes("origin", at.origin),
+                writes("direction", at.direction),
+                writes("path", at.path),
+                writes("density", at.density),
             )
             kind = CAMERA_REFLECTED if self.start.indirect_only else CAMERA_ALL
         self.program.queue.finish()
@@ -206,19 +232,35 @@ class Wavefront:
                 self._go_on(q, after, count, vertex, which)
             kind = FROM_VERTEX
             at, after = after, at
-        run("average", owners, np.uint32(owners), np.uint32(samples), q.collected, q.mean)
+        run(
+            "average",
+            owners,
+            unsigned("owners", owners),
+            unsigned("samples", samples),
+            reads("collected", q.collected),
+            writes("mean", q.mean),
+        )
         self.program.queue.finish()
 
     def _go_on(
-        self, q: _Queues, at: _Vertices, count: int, vertex: int, which: tuple[Any, ...]
+        self, q: _Queues, at: _Vertices, count: int, vertex: int, which: tuple[Argument, ...]
     ) -> None:
         """Directions for the rays that leave ``at``, and the numbers drawn ahead there."""
         choose = (1 if self._emitters else 0) + (2 if self._sampled else 0)
         self.program.run(
             "scatter",
             -(-count // self.program.lanes),
-            *(np.uint32(n) for n in (count, vertex, choose)),
-            *(*which, at.path, at.shading, at.geometric, at.direction, at.density, *q.drawn),
+            unsigned("count", count),
+            unsigned("vertex", vertex),
+            unsigned("choose", choose),
+            *which,
+            reads("path", at.path),
+            reads("shading", at.shading),
+            reads("geometric", at.geometric),
+            writes("direction", at.direction),
+            writes("density", at.density),
+            q.stride,
+            updates("drawn", q.drawn),
         )
         self.program.queue.finish()
 
@@ -232,10 +274,25 @@ class Wavefront:
         self.program.run(
             "connect",
             count * slots,
-            *(np.uint32(n) for n in (count, slots, first_light, self._delta)),
-            *(self._triangles, self._materials, *self._light_tables, *q.drawn, q.throughput),
-            *(at.origin, at.shading, at.geometric, at.path, q.ray_of, q.weight),
-            *(q.shadow_origin, q.shadow_direction, q.shadow_limit, q.counter),
+            unsigned("count", count),
+            unsigned("slots", slots),
+            unsigned("first_light", first_light),
+            unsigned("delta_lights", self._delta),
+            self._triangles,
+            self._materials,
+            *self._light_tables,
+            *q.drawn_before,
+            reads("throughput", q.throughput),
+            reads("origin", at.origin),
+            reads("shading", at.shading),
+            reads("geometric", at.geometric),
+            reads("path", at.path),
+            writes("ray_of", q.ray_of),
+            writes("weight", q.weight),
+            writes("ray_origin", q.shadow_origin),
+            writes("ray_direction", q.shadow_direction),
+            writes("ray_limit", q.shadow_limit),
+            updates("rays", q.counter),
         )
         self.program.queue.finish()
         rays = int(q.counter.array[0])
@@ -251,8 +308,13 @@ class Wavefront:
         self.program.run(
             "resolve",
             count,
-            *(np.uint32(count), np.uint32(slots), at.path, q.ray_of, q.weight, q.blocked),
-            q.collected,
+            unsigned("count", count),
+            unsigned("slots", slots),
+            reads("path", at.path),
+            reads("ray_of", q.ray_of),
+            reads("weight", q.weight),
+            reads("blocked", q.blocked),
+            updates("collected", q.collected),
         )
 
     def _follow(
@@ -273,12 +335,28 @@ class Wavefront:
         self.program.run(
             "shade",
             count,
-            *(np.uint32(n) for n in (count, vertex, self.last_vertex, kind, plain)),
-            *(self._triangles, self._materials, *self._textures, *self._environment),
-            *(self._density, np.int32(self._sampled)),
-            *(self.program.share(part) for part in hits),
-            *(at.direction, at.density, at.path, *q.drawn, q.throughput, q.collected),
-            *(*after.surface, q.counter),
+            unsigned("count", count),
+            unsigned("vertex", vertex),
+            unsigned("last_vertex", self.last_vertex),
+            unsigned("from_camera", kind),
+            unsigned("plain", plain),
+            self._triangles,
+            self._materials,
+            *self._textures,
+            *self._environment,
+            integer("environment_sampled", self._sampled),
+            reads("hit_triangle", self.program.share(hits.triangle)),
+            reads("hit_distance", self.program.share(hits.distance)),
+            reads("hit_u", self.program.share(hits.u)),
+            reads("hit_v", self.program.share(hits.v)),
+            reads("ray_direction", at.direction),
+            reads("ray_density", at.density),
+            reads("ray_path", at.path),
+            *q.drawn_before,
+            updates("throughput", q.throughput),
+            updates("collected", q.collected),
+            *after.reached,
+            updates("vertices", q.counter),
         )
         self.program.queue.finish()
         return int(q.counter.array[0])
@@ -298,8 +376,12 @@ class _Vertices:
         self.geometric = program.empty((paths, 3), np.float32)
         self.path = program.empty(paths, np.int32)
         self.density = program.empty(paths, np.float32)
-        self.rays = (self.origin, self.direction, self.path, self.density)
-        self.surface = (self.origin, self.shading, self.geometric, self.path)
+        self.reached = (
+            writes("origin", self.origin),
+            writes("shading", self.shading),
+            writes("geometric", self.geometric),
+            writes("path", self.path),
+        )
 
 
 class _Queues:
@@ -313,7 +395,9 @@ class _Queues:
         self.collected = program.empty((paths, 3), np.float32)
         self.mean = program.empty((paths, 3), np.float32)
         # Random numbers (kernels_cl/reference/path.cl, DRAWN_...), planes of `paths` numbers.
-        self.drawn = (np.uint32(paths), program.empty((_DRAWN, paths), np.float32))
+        self.stride = unsigned("stride", paths)
+        self.drawn = program.empty((_DRAWN, paths), np.float32)
+        self.drawn_before = (self.stride, reads("drawn", self.drawn))
         self.counter = program.empty(1, np.int32)
         self.ray_of = program.empty(connections, np.int32)
         self.weight = program.empty((connections, 3), np.float32)

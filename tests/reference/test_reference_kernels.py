@@ -5,6 +5,7 @@ import pytest
 from support import reference_oracle as oracle
 from support.reference_scenes import lightmap_of, random_scene
 
+from gibench.device import reads, unsigned, writes
 from gibench.rays.tracer import Hits
 from gibench.reference import host_cl, wavefront
 from gibench.reference.camera import image_plane
@@ -70,7 +71,7 @@ def ready(scene, tracer, rng, count):
     return front, q, at
 
 
-WHICH = (np.uint32(100), np.uint32(SAMPLES), np.uint32(SEED))
+WHICH = (unsigned("first", 100), unsigned("samples", SAMPLES), unsigned("round_seed", SEED))
 
 
 def seed_and_sample(path, dimension):
@@ -273,7 +274,14 @@ def test_start_at_receivers_and_average(rng, group):
         assert at.shading.array[path] == pytest.approx(shading, abs=1e-4)
     values = rng.random((OWNERS * SAMPLES, 3)).astype(np.float32)
     q.collected.array[:] = values
-    front.program.run("average", OWNERS, np.uint32(OWNERS), np.uint32(SAMPLES), q.collected, q.mean)
+    front.program.run(
+        "average",
+        OWNERS,
+        unsigned("owners", OWNERS),
+        unsigned("samples", SAMPLES),
+        reads("collected", q.collected),
+        writes("mean", q.mean),
+    )
     front.program.queue.finish()
     expected = values.reshape(OWNERS, SAMPLES, 3).astype(np.float64).mean(axis=1)
     assert q.mean.array[:OWNERS] == pytest.approx(expected, rel=1e-5)

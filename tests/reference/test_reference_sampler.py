@@ -13,7 +13,7 @@ from gibench.reference import host_cl
 @pytest.fixture(scope="module")
 def draw():
     """sample_2d, sample_1d, the second Sobol dimension and cos_sin_turns, as kernels."""
-    context = host_cl.host_program().context
+    context = host_cl.host_program().device.context
     source = """
     __kernel void draw(__global const uint *index, uint seed, __global float *out) {
         const uint i = get_global_id(0);
@@ -31,7 +31,7 @@ def draw():
         host = host_cl.host_program()
         out, index = np.empty(6 * len(index), np.float32), np.asarray(index, np.uint32)
         held, given = host.share(out), host.share(index)
-        kernel(host.queue, (len(index),), None, given.buffer, np.uint32(seed), held.buffer)
+        kernel(host.queue, (len(index),), None, given.mem, np.uint32(seed), held.mem)
         host.queue.finish()
         n = len(index)
         return out[: 4 * n].reshape(n, 4), out[4 * n : 5 * n], out[5 * n :]

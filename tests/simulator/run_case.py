@@ -24,7 +24,7 @@ from recording import record_kernels
 from support.made import made as create
 from support.reference_scenes import lightmap_of, random_scene
 
-from gibench.device import Device, list_devices
+from gibench.device import Argument, Device, SharedBuffer, list_devices
 from gibench.measure.machine import roofs as roofs_module
 from gibench.measure.session.enqueue import PreparedPass, enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
@@ -33,7 +33,7 @@ from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
 from gibench.rays.embree import EmbreeTracer
 from gibench.reference import host_cl, wavefront
 from gibench.reference.camera import image_plane
-from gibench.reference.host_cl import HostProgram, Shared
+from gibench.reference.host_cl import HostProgram
 from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.builtin import build
@@ -42,7 +42,6 @@ from gibench.scene.model import Camera
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Turn
 from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique
-from gibench.techniques.srp.bake import transport
 from gibench.techniques.technique import Technique
 from gibench.work import Serial
 
@@ -78,29 +77,33 @@ class TellingProgram(HostProgram):
     takes a new one that comes to lie where a released one was for uninitialised.
     """
 
-    KEPT: ClassVar[list[Shared]] = []
+    KEPT: ClassVar[list[SharedBuffer]] = []
 
     # By kernel, which argument the host has written to since the last launch.
-    WRITTEN: ClassVar[dict[str, int]] = {"connect": -1, "shade": -1, "resolve": -2}
+    WRITTEN: ClassVar[dict[str, str]] = {
+        "connect": "rays",
+        "shade": "vertices",
+        "resolve": "blocked",
+    }
 
-    def share(self, array: np.ndarray) -> Shared:
+    def share(self, array: np.ndarray) -> SharedBuffer:
         self.tell(shared := self.untold(array))
         return shared
 
-    def empty(self, shape: Any, dtype: Any) -> Shared:
+    def empty(self, shape: Any, dtype: Any) -> SharedBuffer:
         return self.untold(np.empty(shape, dtype))
 
-    def untold(self, array: np.ndarray) -> Shared:
+    def untold(self, array: np.ndarray) -> SharedBuffer:
         self.KEPT.append(shared := super().share(array))
         return shared
 
-    def run(self, name: str, count: int, *arguments: Any) -> None:
+    def run(self, name: str, count: int, *arguments: Argument) -> None:
         if name in self.WRITTEN:
-            self.tell(arguments[self.WRITTEN[name]])
+            self.tell(next(a.value for a in arguments if a.name == self.WRITTEN[name]))
         super().run(name, count, *arguments)
 
-    def tell(self, shared: Shared) -> None:
-        cl.enqueue_copy(self.queue, shared.buffer, shared.array)
+    def tell(self, shared: SharedBuffer) -> None:
+        cl.enqueue_copy(self.queue, shared.mem, shared.array)
 
 
 def bake(case: Case, cache: Path) -> None:
@@ -193,7 +196,7 @@ def reference(case: Case, cache: Path) -> None:
     """Trace a few paths from receivers and from the camera, three bounces each."""
     host_cl._cpu = lambda: list_devices()[0]  # the simulator does not say that it is a CPU
     held = host_cl.host_program(case.size)
-    telling = TellingProgram(held.context, held.queue, held.kernels, held.group)
+    telling = TellingProgram(held.device, held.program, held.group)
     wavefront.host_program = lambda: telling
     scene = random_scene(np.random.default_rng(0))
     packed, tracer = pack_scene(scene, 0), EmbreeTracer(scene.corners)
@@ -213,7 +216,6 @@ def suit_simulator(width: int) -> None:
     """One thread, and vectors of ``width`` floats."""
     os.cpu_count = lambda: 1
     Device.vector_width = property(lambda self: width)  # type: ignore[assignment]
-    transport.vector_width = lambda device: width
 
 
 def main(cache: Path, cases: list[Case]) -> None:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
 
-from gibench.device import Device
+from gibench.device import (
+    Device,
+    Launch,
+    ProgramSpec,
+    reads,
+    scalar,
+    unsigned,
+    updates,
+)
 from gibench.profiles import DeviceProfile
 
+_GROUP = 8  # work-items: small, so that all cores are busy
 MOST_BYTES = 256 << 20
 """A virtual machine reports the whole last-level cache of its host, of which it has a share: more
 than this is not streamed (10 ms a frame at 25 GB/s)."""
@@ -49,26 +57,31 @@ class CacheFlush:
     """
 
     def __init__(self, profile: DeviceProfile, cl_device: Any = None) -> None:
-        lifted = replace(profile, memory_budget_bytes=1 << 40, max_buffer_bytes=1 << 40)
-        self._device = Device(lifted, cl_device)
+        self._device = Device.unlimited(cl_device)
         width = self._device.vector_width
         cache = int(self._device.cl_device.global_mem_cache_size)
         wanted = max(2 * cache, 32 << 20)
         count = min(wanted, MOST_BYTES) // (4 * width)
-        self._items = int(self._device.cl_device.max_compute_units) * 64
-        stretch = -(-count // self._items)
+        items = int(self._device.cl_device.max_compute_units) * 64
+        stretch = -(-count // items)
         # Kept: a kernel does not keep the buffers of its arguments alive.
         self._buffer = self._device.empty("flush", count * width, np.float32)
         self.facts = ColdFacts(self._buffer.nbytes, cache, wanted <= MOST_BYTES)
-        self._kernel = self._device.program("measure/roofs.cl", {"VEC": width}).kernel("roof_triad")
+        program = ProgramSpec("measure/roofs.cl", {"VEC": width})
         # a = a + 0 * a: every line is read and written back.
-        self._kernel.set_args(
-            *(self._buffer.mem, self._buffer.mem, self._buffer.mem),
-            *(np.float32(0.0), np.uint32(count), np.uint32(stretch)),
+        args = (
+            updates("a", self._buffer),
+            reads("b", self._buffer),
+            reads("c", self._buffer),
+            scalar("scalar", np.float32(0.0)),
+            unsigned("count", count),
+            unsigned("stretch", stretch),
         )
+        triad = Launch(program, "roof_triad", args, items=items)
+        self._launch = self._device.prepare(triad, _GROUP)
 
     def __call__(self) -> None:
         """Empty the caches; returns when it is done."""
         queue = self._device.queue
-        cl.enqueue_nd_range_kernel(queue, self._kernel, (self._items,), (8,))
+        self._launch.enqueue(queue)
         queue.finish()

@@ -14,10 +14,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pyopencl as cl
 
 from gibench.arrays import Floats, Ints
-from gibench.device import build_program, kernel_source, list_devices, vector_width
+from gibench.device import (
+    Argument,
+    Buffer,
+    Define,
+    Device,
+    Launch,
+    ProgramSpec,
+    integer,
+    reads,
+    scalar,
+    writes,
+)
 from gibench.rays.offset import SHORT_OF_TARGET, surface_offset
 from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
@@ -111,17 +121,18 @@ class TransportBaker:
         self.offset = surface_offset(scene)
         self.table_receivers = len(lightmap.receivers) if tables else 0
         self.coefficients = sh_count(settings.sh_order)
-        cl_device = list_devices()[0] if cl_device is None else cl_device
-        self.vector = vector or vector_width(cl_device)
+        self.device = Device.unlimited(cl_device)
+        self.vector = vector or self.device.vector_width
         self.stride = -(-settings.transport_rays // self.vector) * self.vector
-        self.context = cl.Context([cl_device])
-        defines = {
+        defines: dict[str, Define] = {
             "VEC": self.vector,
             "SH_ORDER": settings.sh_order,
             "PROBES": len(probes),
             "GRID": tables.grid if tables else 0,
         }
-        self.program = build_program(self.context, kernel_source("srp/bake.cl"), defines)
+        self.program = ProgramSpec("srp/bake.cl", defines)
+        # Built here: the workers share it, and only one thread can build it.
+        self.device.program(self.program.path, defines)
         rng = np.random.default_rng([seed, 1])
         points = primary_points(settings.transport_rays, self.stride, seed)
         receivers, fragments = lightmap.receivers, lightmap.fragments
@@ -142,11 +153,8 @@ class TransportBaker:
         }
         # What lifts a point off each triangle; the last row (index -1) stands for no triangle.
         self.lift = np.pad(planes[:, :3] * np.float32(self.offset), ((0, 1), (0, 0)))
-        self.shared = {name: self._upload(array) for name, array in arrays.items()}
-
-    def _upload(self, array: npt.NDArray[Any]) -> Any:
-        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
-        return cl.Buffer(self.context, flags, hostbuf=np.ascontiguousarray(array))
+        self.shared = {name: self.device.upload(name, array) for name, array in arrays.items()}
+        self.device.queue.finish()
 
     def worker(self) -> TransportWorker:
         """A worker with a queue, kernels and scratch of its own, for one thread at a time."""
@@ -159,13 +167,8 @@ class TransportWorker:
     def __init__(self, baker: TransportBaker) -> None:
         self.baker = baker
         self.clock = Clock()
-        self.queue = cl.CommandQueue(baker.context)
-        self._rays = cl.Kernel(baker.program, "transport_rays")
-        self._decide = cl.Kernel(baker.program, "transport_decide")
-        self._weights = cl.Kernel(baker.program, "transport_weights")
-        self._accumulate = cl.Kernel(baker.program, "transport_accumulate")
-        self._plain = cl.Kernel(baker.program, "transport_plain")
-        self._scratch: dict[str, Any] = {}
+        self.device = baker.device.beside()
+        self._scratch: dict[str, Buffer] = {}
 
     def rows(self, receivers: Ints) -> TransportRows:
         """The transport rows of ``receivers`` (m,)."""
@@ -212,52 +215,57 @@ class TransportWorker:
             yield slice(begin, end)
             begin = end
 
-    def _buffer(self, name: str, nbytes: int) -> Any:
+    def _buffer(self, name: str, nbytes: int) -> Buffer:
+        """Scratch of at least ``nbytes``, kept until more is asked for."""
         held = self._scratch.get(name)
-        if held is None or held.size < nbytes:
+        if held is None or held.nbytes < nbytes:
             if held is not None:
-                held.release()
-            held = cl.Buffer(self.baker.context, cl.mem_flags.READ_WRITE, max(nbytes, 16))
+                self.device.release(held)
+            held = self.device.empty(name, max(nbytes, 16), np.uint8)
             self._scratch[name] = held
         return held
 
-    def _send(self, name: str, array: npt.NDArray[Any]) -> Any:
+    def _send(self, name: str, array: npt.NDArray[Any]) -> Buffer:
         buffer = self._buffer(name, array.nbytes)
-        cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))
+        self.device.write_bytes(buffer, array)
         return buffer
 
-    def _fetch(self, buffer: Any, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
+    def _fetch(self, buffer: Buffer, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
         out = np.empty(shape, dtype)
-        cl.enqueue_copy(self.queue, out, buffer)
+        self.device.read_into(buffer, out)
         return out
 
+    def _run(self, kernel: str, groups: int | tuple[int, int], *args: Argument) -> None:
+        """Enqueue a kernel in groups of one work-item."""
+        stride = integer("stride", self.baker.stride)
+        launch = Launch(self.baker.program, kernel, (stride, *args), groups=groups)
+        self.device.enqueue(launch, 1)
+
+    def _shared(self, *names: str) -> list[Argument]:
+        return [reads(name, self.baker.shared[name]) for name in names]
+
     def _primary(self, receivers: Ints) -> tuple[Floats, Floats]:
-        baker, shared = self.baker, self.baker.shared
+        baker = self.baker
         shape = (len(receivers), baker.stride, 3)
         nbytes = 12 * shape[0] * shape[1]
-        names = (
-            "points", "rotations", "receivers", "normals", "fragment_start", "fragment_share",
-            "fragment_corners", "fragment_triangle", "planes",
-        )  # fmt: skip
-        listed = self._send("receivers", receivers.astype(np.int32))
-        self._rays(
-            self.queue,
+        self._run(
+            "transport_rays",
             (-(-baker.stride // BLOCK), len(receivers)),
-            (1, 1),
-            np.int32(baker.stride),
-            np.int32(baker.settings.transport_rays),
-            np.float32(baker.offset),
-            *(listed if name == "receivers" else shared[name] for name in names),
-            self._buffer("origins", nbytes),
-            self._buffer("directions", nbytes),
+            integer("samples", baker.settings.transport_rays),
+            scalar("offset", np.float32(baker.offset)),
+            *self._shared("points", "rotations"),
+            reads("receivers", self._send("receivers", receivers.astype(np.int32))),
+            *self._shared("normals", "fragment_start", "fragment_share", "fragment_corners"),
+            *self._shared("fragment_triangle", "planes"),
+            writes("origins", self._buffer("origins", nbytes)),
+            writes("directions", self._buffer("directions", nbytes)),
         )
         origins = self._fetch(self._scratch["origins"], shape, np.float32)
         return origins, self._fetch(self._scratch["directions"], shape, np.float32)
 
     def _chunk(self, receivers: Ints, pairs: Nearby) -> tuple[Floats, Ints]:
         """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
-        baker, queue = self.baker, self.queue
-        stride, count = baker.stride, len(receivers)
+        baker, stride, count = self.baker, self.baker.stride, len(receivers)
         of_samples = self._decisions
         if baker.settings.interpolation != "srp":
             of_samples = self._without_mutual_visibility
@@ -269,14 +277,28 @@ class TransportWorker:
         inverse = self._buffer("inverse", 4 * count * stride)
         valid = self._buffer("valid", 4 * count)
         transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
-        self._weights(
-            queue, (count,), (1,), np.int32(stride), start, weight, visible, inverse, valid
+        self._run(
+            "transport_weights",
+            count,
+            reads("pair_start", start),
+            reads("pair_weight", weight),
+            reads("visible", visible),
+            writes("inverse", inverse),
+            writes("valid_samples", valid),
         )
-        self._accumulate(
-            queue, (len(pairs.probe),), (1,), np.int32(stride),
-            self._send("pair_receiver", pairs.receiver), probe, weight, baker.shared["probes"],
-            hits, visible, inverse, valid, transport,
-        )  # fmt: skip
+        self._run(
+            "transport_accumulate",
+            len(pairs.probe),
+            reads("pair_receiver", self._send("pair_receiver", pairs.receiver)),
+            reads("pair_probe", probe),
+            reads("pair_weight", weight),
+            *self._shared("probes"),
+            reads("hits", hits),
+            reads("visible", visible),
+            reads("inverse", inverse),
+            reads("valid_samples", valid),
+            writes("transport", transport),
+        )
         shape = (len(pairs.probe), baker.coefficients)
         out = self._fetch(transport, shape, np.float32), self._fetch(valid, (count,), np.int32)
         self.clock.add("accumulate", now, states.size)
@@ -284,7 +306,7 @@ class TransportWorker:
 
     def _decisions(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
         """(q, stride) whether each sample is mutually visible; also left on the device."""
-        baker, shared, queue, clock = self.baker, self.baker.shared, self.queue, self.clock
+        baker, clock = self.baker, self.clock
         stride, count, rays = baker.stride, len(receivers), len(receivers) * baker.stride
         now = perf_counter()
         origins, directions = self._primary(receivers)
@@ -298,30 +320,41 @@ class TransportWorker:
         hits = self._buffer("hits", 16 * rays)
         visible = self._buffer("visible", len(pairs.probe) * stride)
         lightmap = baker.lightmap
-        self._decide(
-            queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
-            self._scratch["origins"], self._scratch["directions"],
-            self._send("hit_triangle", found.triangle), self._send("hit_distance", found.distance),
-            self._send("hit_u", found.u), self._send("hit_v", found.v),
-            shared["planes"], shared["triangle_uvs"],
-            np.int32(lightmap.width), np.int32(lightmap.height), shared["receiver_of_texel"],
-            np.int32(baker.table_receivers), shared["states"],
-            start, probe, shared["probes"], hits, visible,
-        )  # fmt: skip
+        self._run(
+            "transport_decide",
+            (-(-stride // BLOCK), count),
+            reads("origins", self._scratch["origins"]),
+            reads("directions", self._scratch["directions"]),
+            reads("hit_triangle", self._send("hit_triangle", found.triangle)),
+            reads("hit_distance", self._send("hit_distance", found.distance)),
+            reads("hit_u", self._send("hit_u", found.u)),
+            reads("hit_v", self._send("hit_v", found.v)),
+            *self._shared("planes", "triangle_uvs"),
+            integer("width", lightmap.width),
+            integer("height", lightmap.height),
+            *self._shared("receiver_of_texel"),
+            integer("receivers", baker.table_receivers),
+            *self._shared("states"),
+            reads("pair_start", start),
+            reads("pair_probe", probe),
+            *self._shared("probes"),
+            writes("hits", hits),
+            writes("visible", visible),
+        )
         states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
         now = clock.add("decide", now, states.size)
         traced = self._resolve(states, pairs, found.triangle)
         now = clock.add("visibility rays", now, traced)
 
         if traced:
-            cl.enqueue_copy(queue, visible, states)
+            self.device.write_bytes(visible, states)
         return np.asarray(states)
 
     def _without_mutual_visibility(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
         """As :meth:`_decisions`, for blending in the receiver's own direction: every sample is
         taken from every probe, or from every one that the receiver sees.
         """
-        baker, queue, stride, count = self.baker, self.queue, self.baker.stride, len(receivers)
+        baker, stride, count = self.baker, self.baker.stride, len(receivers)
         now = perf_counter()
         self._primary(receivers)
         sees = np.ones(len(pairs.probe), np.uint8)
@@ -332,10 +365,15 @@ class TransportWorker:
         self._send("pair_weight", pairs.weight)
         hits = self._buffer("hits", 16 * count * stride)
         visible = self._buffer("visible", len(pairs.probe) * stride)
-        self._plain(
-            queue, (-(-stride // BLOCK), count), (1, 1), np.int32(stride),
-            self._scratch["directions"], start, self._send("pair_sees", sees), hits, visible,
-        )  # fmt: skip
+        self._run(
+            "transport_plain",
+            (-(-stride // BLOCK), count),
+            reads("directions", self._scratch["directions"]),
+            reads("pair_start", start),
+            reads("pair_sees", self._send("pair_sees", sees)),
+            writes("hits", hits),
+            writes("visible", visible),
+        )
         states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
         self.clock.add("decide", now, states.size)
         return np.asarray(states)
