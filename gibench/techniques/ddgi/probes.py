@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.device import Argument, Buffer, Device, reads
+from gibench.device import Argument, Buffer, BufferSpec, Device, reads, total_bytes
 from gibench.device.build import Define
 from gibench.techniques.ddgi.placement import ray_directions
 from gibench.techniques.ddgi.settings import DdgiSettings
@@ -17,6 +17,8 @@ from gibench.techniques.parts.probe_volume import Volume
 ACTIVE = 1
 BLENDED = 2
 USABLE = ACTIVE | BLENDED
+
+VOLUME_FLOATS = 9  # kernels_cl/parts/probe_volume.cl
 
 STORED: dict[str, np.dtype[Any]] = {"fp32": np.dtype("f4"), "fp16": np.dtype("f2")}
 
@@ -66,40 +68,54 @@ class Probes:
         Raises:
             CannotRun: they do not fit the device's profile.
         """
-        p, s = volume.probes, settings
-        stored = STORED[s.storage]
-
-        def zeros(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Buffer:
-            # Uploaded, not filled: Oclgrind takes no fill for an initialisation.
-            return device.upload(name, np.zeros(shape, dtype))
-
-        across, far = s.irradiance_texels + 2, s.distance_texels + 2
-        f32, i32 = np.dtype(np.float32), np.dtype(np.int32)
+        data = {
+            "volume": volume.table(),
+            "probe_data": new_probes(volume.probes),
+            "ray_directions": ray_directions(settings, seed, 0),
+        }
+        held = device.allocate(Probes.buffers(settings, volume.probes), data)
         return Probes(
             device,
             settings,
             volume,
             seed,
-            table=device.upload("volume", volume.table()),
-            data=device.upload("probe_data", new_probes(p)),
-            irradiance=zeros("irradiance_maps", (p, across, across, 4), stored),
-            distance=zeros("distance_maps", (p, far, far, 2), stored),
-            directions=device.upload("ray_directions", ray_directions(s, seed, 0)),
-            frame_key=zeros("frame_key", (1,), np.dtype(np.uint32)),
-            fixed_distance=zeros("fixed_distance", (p, max(s.fixed, 1)), f32),
-            hits=zeros("probe_hits", (p, s.blended, 4), f32),
-            accepted=zeros("accepted", (p,), i32),
-            variability=zeros("variability", (p, s.irradiance_texels**2), f32),
-            average=zeros("average_variability", (1,), f32),
+            table=held["volume"],
+            data=held["probe_data"],
+            irradiance=held["irradiance_maps"],
+            distance=held["distance_maps"],
+            directions=held["ray_directions"],
+            frame_key=held["frame_key"],
+            fixed_distance=held["fixed_distance"],
+            hits=held["probe_hits"],
+            accepted=held["accepted"],
+            variability=held["variability"],
+            average=held["average_variability"],
         )
+
+    @staticmethod
+    def buffers(settings: DdgiSettings, probes: int) -> list[BufferSpec]:
+        """The buffers that so many probes take."""
+        p, s, stored = probes, settings, STORED[settings.storage]
+        across, far = s.irradiance_texels + 2, s.distance_texels + 2
+        f32, of = np.float32, BufferSpec.of
+        return [
+            of("volume", VOLUME_FLOATS, f32),
+            of("probe_data", (p, 4), f32),
+            of("irradiance_maps", (p, across, across, 4), stored),
+            of("distance_maps", (p, far, far, 2), stored),
+            of("ray_directions", (s.rays, 3), f32),
+            of("frame_key", 1, np.uint32),
+            of("fixed_distance", (p, max(s.fixed, 1)), f32),
+            of("probe_hits", (p, s.blended, 4), f32),
+            of("accepted", p, np.int32),
+            of("variability", (p, s.irradiance_texels**2), f32),
+            of("average_variability", 1, f32),
+        ]
 
     @staticmethod
     def bytes_of(settings: DdgiSettings, probes: int) -> int:
         """Bytes that the buffers of so many probes take."""
-        s, width = settings, STORED[settings.storage].itemsize
-        maps = 4 * (s.irradiance_texels + 2) ** 2 + 2 * (s.distance_texels + 2) ** 2
-        floats = 4 + max(s.fixed, 1) + 4 * s.blended + 1 + s.irradiance_texels**2
-        return probes * (width * maps + 4 * floats) + 12 * s.rays + 36 + 4 + 4
+        return total_bytes(Probes.buffers(settings, probes))
 
     @property
     def nbytes(self) -> int:

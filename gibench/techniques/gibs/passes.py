@@ -11,6 +11,7 @@ import numpy as np
 from gibench.device import (
     Argument,
     Buffer,
+    BufferSpec,
     Device,
     Launch,
     ProgramSpec,
@@ -19,6 +20,7 @@ from gibench.device import (
     local,
     reads,
     scalar,
+    total_bytes,
     updates,
     writes,
 )
@@ -64,25 +66,36 @@ class CameraView:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
-        pixels = width * height
-
-        def image(name: str, channels: int) -> Buffer:
-            return device.empty(f"gbuffer_{name}", (pixels, channels), np.float32)
-
+        specs = CameraView.buffers(len(scene.triangles), width, height)
+        held = device.allocate(specs, {"triangle_objects": scene.object_numbers()})
         return CameraView(
-            position=image("position", 4),
-            normal=image("normal", 4),
-            albedo=image("albedo", 4),
-            direct=image("direct", 3),
-            indirect=image("indirect", 4),
-            least=device.empty("tile_least", tiles_of(width, height), np.uint32),
-            object_of=device.upload("triangle_objects", scene.object_numbers()),
+            position=held["gbuffer_position"],
+            normal=held["gbuffer_normal"],
+            albedo=held["gbuffer_albedo"],
+            direct=held["gbuffer_direct"],
+            indirect=held["gbuffer_indirect"],
+            least=held["tile_least"],
+            object_of=held["triangle_objects"],
         )
 
     @staticmethod
+    def buffers(triangles: int, width: int, height: int) -> list[BufferSpec]:
+        """The buffers of an image of a scene."""
+        pixels, of = width * height, BufferSpec.of
+        return [
+            of("gbuffer_position", (pixels, 4), np.float32),
+            of("gbuffer_normal", (pixels, 4), np.float32),
+            of("gbuffer_albedo", (pixels, 4), np.float32),
+            of("gbuffer_direct", (pixels, 3), np.float32),
+            of("gbuffer_indirect", (pixels, 4), np.float32),
+            of("tile_least", tiles_of(width, height), np.uint32),
+            of("triangle_objects", triangles, np.int32),
+        ]
+
+    @staticmethod
     def bytes_of(triangles: int, width: int, height: int) -> int:
-        """Bytes it takes, in closed form."""
-        return 4 * (19 * width * height + tiles_of(width, height) + triangles)
+        """Bytes it takes."""
+        return total_bytes(CameraView.buffers(triangles, width, height))
 
 
 def tiles_of(width: int, height: int) -> int:

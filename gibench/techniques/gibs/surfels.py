@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.device import Buffer, Device
+from gibench.device import Buffer, BufferSpec, Device, total_bytes
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.parts.scan import BlockScan
 from gibench.techniques.parts.surfels import SurfelGeometry
@@ -81,59 +81,87 @@ class Surfels:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
-        n, rays = settings.surfels, most_rays(settings)
+        n = settings.surfels
         counters = np.zeros(COUNT_WORDS, np.uint32)
         counters[COUNT_FREE] = n
-
-        def floats(name: str, *shape: int) -> Buffer:
-            return device.empty(f"surfel_{name}", shape, np.float32)
-
-        def words(name: str, *shape: int) -> Buffer:
-            return device.empty(f"surfel_{name}", shape, np.uint32)
-
-        estimator = floats("estimator", ESTIMATOR_ROWS, n)
+        data = {
+            # ID 0 lies on top.
+            "surfel_free_ids": np.arange(n - 1, -1, -1, dtype=np.int64).astype(np.uint32),
+            "surfel_counters": counters,
+        }
+        held = device.allocate(Surfels.buffers(settings), data)
+        estimator = held["surfel_estimator"]
         geometry = SurfelGeometry(
-            frame=words("frame", FRAME_WORDS),
-            alive_ids=words("alive_ids", n),
-            object_ids=device.empty("surfel_object_ids", n, np.int32),
+            frame=held["surfel_frame"],
+            alive_ids=held["surfel_alive_ids"],
+            object_ids=held["surfel_object_ids"],
             transforms=transforms,
-            local_position=floats("local_position", 3, n),
-            local_normal=floats("local_normal", 3, n),
-            world_position=floats("world_position", 3, n),
-            world_normal=floats("world_normal", 3, n),
-            radii=floats("radii", n),
+            local_position=held["surfel_local_position"],
+            local_normal=held["surfel_local_normal"],
+            world_position=held["surfel_world_position"],
+            world_normal=held["surfel_world_normal"],
+            radii=held["surfel_radii"],
             mean=estimator,
-            nearest=floats("nearest", n),
+            nearest=held["surfel_nearest"],
         )
         return Surfels(
             geometry=geometry,
             estimator=estimator,
-            births=words("births", n),
-            seen=words("seen", n),
-            moments=floats("moments", n if settings.depth_moments else 1, MOMENT_FLOATS),
-            guides=floats("guides", n if settings.ray_guiding else 1, GUIDE_FLOATS),
-            # ID 0 lies on top.
-            free_ids=device.upload(
-                "surfel_free_ids", np.arange(n - 1, -1, -1, dtype=np.int64).astype(np.uint32)
-            ),
-            counters=device.upload("surfel_counters", counters),
-            marks=words("marks", n),
-            before=words("before", n + 1),
-            survivors=words("survivors", n),
+            births=held["surfel_births"],
+            seen=held["surfel_seen"],
+            moments=held["surfel_moments"],
+            guides=held["surfel_guides"],
+            free_ids=held["surfel_free_ids"],
+            counters=held["surfel_counters"],
+            marks=held["surfel_marks"],
+            before=held["surfel_before"],
+            survivors=held["surfel_survivors"],
             scan=BlockScan.create(device, "surfel_scan", n, workgroup_size),
-            ray_first=words("ray_first", n + 1),
-            ray_owner=words("ray_owner", rays),
-            ray_light=floats("ray_light", rays, 4),
-            ray_choice=floats("ray_choice", rays, 2),
+            ray_first=held["surfel_ray_first"],
+            ray_owner=held["surfel_ray_owner"],
+            ray_light=held["surfel_ray_light"],
+            ray_choice=held["surfel_ray_choice"],
         )
 
     @staticmethod
-    def bytes_of(settings: GibsSettings, workgroup_size: int) -> int:
-        """Bytes it takes, in closed form, without the transforms."""
+    def buffers(settings: GibsSettings) -> list[BufferSpec]:
+        """The buffers of so many surfels and rays, the transforms and the scan's left out."""
         n, rays = settings.surfels, most_rays(settings)
-        per_surfel = 2 + 12 + 1 + 1 + ESTIMATOR_ROWS + 2 + 1 + 1 + 1 + 1 + 1
-        words = n * per_surfel + 2 + FRAME_WORDS + COUNT_WORDS
-        words += MOMENT_FLOATS * (n if settings.depth_moments else 1)
-        words += GUIDE_FLOATS * (n if settings.ray_guiding else 1)
-        words += max(BlockScan.blocks(n, workgroup_size), 1) + 7 * rays
-        return 4 * words
+
+        def floats(name: str, *shape: int) -> BufferSpec:
+            return BufferSpec.of(f"surfel_{name}", shape, np.float32)
+
+        def words(name: str, *shape: int) -> BufferSpec:
+            return BufferSpec.of(f"surfel_{name}", shape, np.uint32)
+
+        return [
+            floats("estimator", ESTIMATOR_ROWS, n),
+            words("frame", FRAME_WORDS),
+            words("alive_ids", n),
+            BufferSpec.of("surfel_object_ids", n, np.int32),
+            floats("local_position", 3, n),
+            floats("local_normal", 3, n),
+            floats("world_position", 3, n),
+            floats("world_normal", 3, n),
+            floats("radii", n),
+            floats("nearest", n),
+            words("births", n),
+            words("seen", n),
+            floats("moments", n if settings.depth_moments else 1, MOMENT_FLOATS),
+            floats("guides", n if settings.ray_guiding else 1, GUIDE_FLOATS),
+            words("free_ids", n),
+            words("counters", COUNT_WORDS),
+            words("marks", n),
+            words("before", n + 1),
+            words("survivors", n),
+            words("ray_first", n + 1),
+            words("ray_owner", rays),
+            floats("ray_light", rays, 4),
+            floats("ray_choice", rays, 2),
+        ]
+
+    @staticmethod
+    def bytes_of(settings: GibsSettings, workgroup_size: int) -> int:
+        """Bytes it takes, without the transforms."""
+        blocks = BlockScan.blocks(settings.surfels, workgroup_size)
+        return total_bytes(Surfels.buffers(settings)) + 4 * max(blocks, 1)
