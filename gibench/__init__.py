@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "load_run"]
+__all__ = ["__version__", "advise", "load_run", "quality", "run"]
 
 # Warnings are shown where somebody asks for them: the command line does (gibench.cli.notices).
 logging.getLogger(__name__).addHandler(logging.NullHandler())
@@ -23,3 +23,33 @@ def load_run(path: str | Path) -> Any:
     """
     # By name: pandas is heavy, and the package itself must not depend on its top layers.
     return import_module("gibench.report.loaded").load_run(path)
+
+
+def run(**options: Any) -> Any:
+    """Run techniques frame by frame: all that ``gibench run`` takes, by keyword
+    (:func:`gibench.commands.run.run`).
+
+    Returns:
+        :class:`gibench.commands.run.RunResult`: ``samples``, ``passes``, ``frames``, ``folder``.
+    """
+    return import_module("gibench.commands.run").run(**options)
+
+
+def quality(**options: Any) -> Any:
+    """Compare techniques with the path-traced truth: all that ``gibench quality`` takes, by keyword
+    (:func:`gibench.commands.quality.quality`).
+
+    Returns:
+        :class:`gibench.commands.quality.QualityResult`: ``table``, ``receivers``, ``folder``.
+    """
+    return import_module("gibench.commands.quality").quality(**options)
+
+
+def advise(**options: Any) -> Any:
+    """Try settings and say which fit a budget: all that ``gibench advise`` takes, by keyword
+    (:func:`gibench.commands.advise.advise`).
+
+    Returns:
+        :class:`gibench.commands.advise.AdviceResult`: ``table``, ``folder``.
+    """
+    return import_module("gibench.commands.advise").advise(**options)

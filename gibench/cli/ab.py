@@ -89,47 +89,40 @@ def ab(
     """
     import tempfile
 
+    from gibench.commands import asked
     from gibench.device.device import list_devices
     from gibench.measure.compare.ab import AbOptions, bake_once, check
     from gibench.measure.compare.kernel_trees import kernel_tree
     from gibench.measure.compare.lockstep import SideFailed
     from gibench.measure.compare.paired import alarmed
-    from gibench.measure.compare.replicate import ReplicateSpec
+    from gibench.measure.compare.replicate import Place
     from gibench.progress import progress
     from gibench.report import comparison
 
     limit = comparing.percentage(threshold)
-    width, height = options.resolution(resolution)
-    options.load_profiles([device_profile])
-    options.find_techniques([technique])
-    asked = options.request(
-        *([scene], [variant], _one(sh_order), _one(probes), _one(receivers)),
-        *(_one(workgroup_size), settings),
-    )
-    cache = options.cache_folder(cache_dir)
-    list_devices()
-    spec = ReplicateSpec(
+    (job,) = asked.jobs_of(
+        device_profile=device_profile,
+        scene=scene,
         technique=technique,
         variant=variant,
-        scene=scene,
-        profile=device_profile,
-        cache_dir=str(cache),
         sh_order=sh_order,
         probes=probes,
         receivers=receivers,
         workgroup_size=workgroup_size,
-        settings=dict(asked.settings.get(technique, {})),
-        width=width,
-        height=height,
+        settings=settings,
+        shot=asked.shot_of(resolution, None),
         seed=seed,
     )
-    bake_once(spec)
+    width, height = job.shot.width, job.shot.height
+    cache = asked.cache_folder(cache_dir)
+    list_devices()
+    bake_once(job, cache)
     how = AbOptions(limit, replicates, seconds=seconds, frames=frames, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
         first, second = (kernel_tree(name, Path(folder)) for name in (old, new))
         try:
             with progress(f"{old} against {new}", replicates or how.most) as advance:
-                result = check(spec, first, second, how, advance)
+                result = check(job, Place(str(cache)), first, second, how, advance)
         except SideFailed as error:
             if error.side == "OLD":
                 raise BadInput(
@@ -197,7 +190,3 @@ def _remarks(result: AbResult, limit: float) -> list[str]:
         told = ", ".join(f"{name} by {by:.2g}" for name, by in moved.items())
         remarks.append(f"What they compute differs (relative root mean square): {told}.")
     return remarks
-
-
-def _one(value: int | None) -> list[int] | None:
-    return None if value is None else [value]

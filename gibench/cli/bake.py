@@ -28,23 +28,26 @@ def bake(
     """
     import time
 
-    from gibench.measure.plan.configuration import (
-        check_options,
-        check_settings_names,
-        settings_grid,
-    )
+    from gibench.commands import asked
+    from gibench.measure.plan.grid import check_options, check_settings_names, settings_grid
     from gibench.measure.session.shared import Shared
 
-    specs = options.find_techniques(technique)
-    asked = options.request(scene, ["tuned"], sh_order, probes, receivers, None, settings)
-    check_options(asked)
-    check_settings_names(specs, asked.settings)
-    work = [(spec, chosen) for spec in specs for chosen in settings_grid(spec, asked)]
-    shared = Shared(options.cache_folder(cache_dir), seed)
-    for name in asked.scenes:
+    specs = asked.find_techniques(technique)
+    chosen_settings = asked.read_settings(settings)
+    common = asked.by_option(sh_order, probes)
+    check_options((), asked.several(receivers), ())
+    check_settings_names(specs, chosen_settings)
+    work = [
+        (spec, chosen)
+        for spec in specs
+        for chosen in settings_grid(spec, common, chosen_settings.get(spec.name, {}))
+    ]
+    shared = Shared(asked.cache_folder(cache_dir), seed)
+    names = asked.several(scene)
+    for name in names:
         shared.scene(name)
-    for name in asked.scenes:
-        for count in asked.receivers or (shared.scene(name).receivers,):
+    for name in names:
+        for count in asked.several(receivers) or (shared.scene(name).receivers,):
             for spec, chosen in work:
                 begin = time.perf_counter()
                 lightmap, _ = shared.baked(spec, chosen, name, count)

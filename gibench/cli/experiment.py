@@ -103,6 +103,7 @@ def experiment(
         return
     chosen = find_experiment(name)
 
+    from gibench.commands import asked
     from gibench.device.device import select_cl_device
     from gibench.measure.runfolder.folder import RunFolder
     from gibench.measure.runfolder.record import study_record
@@ -112,10 +113,10 @@ def experiment(
 
     check_target_error(target_error)
     check_paths(reference_paths, "--reference-paths")
-    image = None if resolution is None else options.resolution(resolution)
-    profiles = options.load_profiles(device_profile or chosen.profiles)
+    image = None if resolution is None else asked.resolution(resolution)
+    profiles = asked.load_profiles(device_profile or chosen.profiles)
     cl_device = select_cl_device(device)
-    cache = options.cache_folder(cache_dir)
+    cache = asked.cache_folder(cache_dir)
     arguments: dict[str, Any] = {
         "experiment": chosen.name,
         "quick": quick,

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gibench.cli.options import OUTPUT
-
-if TYPE_CHECKING:
-    from gibench.techniques.camera_path import FlightOptions
 
 CameraPathChoice = Annotated[
     str,
@@ -42,16 +39,3 @@ FlightFrames = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
-
-
-def flight(camera_path: str, rest_frames: int, flight_frames: int) -> FlightOptions:
-    """The flight asked for.
-
-    Raises:
-        BadInput: its file holds none.
-    """
-    from gibench.techniques.camera_path import FlightOptions
-
-    found = FlightOptions(camera_path, rest_frames, flight_frames)
-    found.check()
-    return found

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from gibench.cli.options import OUTPUT
-
-if TYPE_CHECKING:
-    from gibench.techniques.object_motion import MotionOptions
 
 MotionChoice = Annotated[
     str,
@@ -23,19 +20,3 @@ MotionChoice = Annotated[
     ),
 ]
 RestOnly = Annotated[str, typer.Option("--motion", hidden=True)]
-
-
-def motion(path: str) -> MotionOptions:
-    """The motion asked for.
-
-    Raises:
-        BadInput: its file holds none.
-    """
-    from pathlib import Path
-
-    from gibench.scene.motion.file import load_motions
-    from gibench.techniques.object_motion import REST, SCENE, MotionOptions
-
-    if path not in (REST, SCENE):
-        load_motions(Path(path))
-    return MotionOptions(path)

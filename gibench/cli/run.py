@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from gibench.cli import flight, motion, options
-from gibench.errors import CannotRun, CheckFailed, GibenchError, Interrupted
-
-if TYPE_CHECKING:
-    from gibench.measure.session.loop import Outcome
-
 
 _DEFAULT_TECHNIQUES = ["srp", "direct"]
 
@@ -115,131 +110,38 @@ def run(
 
       gibench run --technique gibs --scene hall --motion scene
     """
-    from dataclasses import replace
+    from gibench.commands.run import run as measure
 
-    from gibench.device.device import select_cl_device
-    from gibench.measure.machine.roofs import measure_roofs
-    from gibench.measure.plan.configuration import grid
-    from gibench.measure.plan.stopping import Plan
-    from gibench.measure.runfolder.folder import RunFolder, default_folder
-    from gibench.measure.runfolder.record import begin_record, finish_record
-    from gibench.measure.session.cold import CacheFlush
-    from gibench.measure.session.interrupts import Interrupts
-    from gibench.measure.session.loop import run_configurations
-    from gibench.measure.session.setup import LoopOptions, check_configuration
-    from gibench.measure.session.shared import Shared
-
-    # All inputs are checked before any long work.
-    width, height = options.resolution(resolution)
-    profiles = options.load_profiles(device_profile)
-    specs = options.find_techniques(technique)
-    sizes, auto = options.workgroup_sizes(workgroup_size)
-    asked = options.request(scene, variant, sh_order, probes, receivers, sizes, settings)
-    asked = replace(asked, auto_workgroup=auto)
-    configurations = grid(profiles, specs, asked)
-    cache = options.cache_folder(cache_dir)
-    cl_device = select_cl_device(device)
-    flown = flight.flight(camera_path, rest_frames, flight_frames)
-    plan = Plan(frames=frames or flown.frames or None, warmup=warmup)
-    moved = motion.motion(moving)
-    loop = LoopOptions(plan, width, height, camera, fit, seed, flown, moved)
-    shared = Shared(cache, seed)
-    for configuration in configurations:
-        check_configuration(configuration, loop, shared)
-    arguments = options.recorded(locals(), "warmup", "cold", "fit", "save_images")
-    arguments["motion"] = Path(moving).name
-    folder = RunFolder.create(out or default_folder([p.name for p in profiles]), arguments)
-
-    flush = CacheFlush(profiles[0], cl_device) if cold else None
-    roofs = measure_roofs(profiles[0], cl_device)
-    record = begin_record(
-        arguments, profiles, loop, cl_device, roofs, flush.facts if flush else None
+    result = measure(
+        device_profile=device_profile,
+        scene=scene,
+        technique=technique,
+        variant=variant,
+        sh_order=sh_order,
+        probes=probes,
+        receivers=receivers,
+        workgroup_size=workgroup_size,
+        settings=settings,
+        frames=frames,
+        warmup=warmup,
+        cold=cold,
+        resolution=resolution,
+        camera=camera,
+        camera_path=camera_path,
+        rest_frames=rest_frames,
+        flight_frames=flight_frames,
+        motion=moving,
+        fit=fit,
+        save_images=save_images,
+        out=out,
+        seed=seed,
+        device=device,
+        cache_dir=cache_dir,
     )
-    folder.write_record(record)
-    writer = _image_writer(folder.path) if save_images else None
-    outcome = run_configurations(configurations, loop, shared, cl_device, folder, writer, flush)
-    after = None
-    with Interrupts() as interrupts:
-        try:
-            with interrupts.work():
-                after = None if outcome.ended else measure_roofs(profiles[0], cl_device)
-        except KeyboardInterrupt:
-            outcome.interrupted = True
-        record = finish_record(record, outcome, shared, after)
-        _write_what_is_known(folder, record, outcome, show=not quiet and outcome.samples > 0)
-        outcome.interrupted |= interrupts.came()
-    if not quiet and outcome.samples:
-        ran = sum(result.frames > 0 for result in outcome.results)
-        typer.echo(f"{ran} of {len(outcome.results)} configurations ran; see {folder.path}")
-    _conclude(outcome, folder.path)
+    if not quiet and len(result.samples):
+        from gibench.report.terminal import show_run
 
-
-def _write_what_is_known(
-    folder: Any, record: dict[str, Any], outcome: Outcome, *, show: bool
-) -> None:
-    """Write the record and the tables; where the disk refuses, the outcome says so."""
-    try:
-        folder.write_record(record)
-        write_tables(folder, record, show=show)
-    except GibenchError as error:
-        outcome.write_error = outcome.write_error or error
-
-
-def write_tables(folder: Any, record: dict[str, Any], *, show: bool) -> None:
-    """Write the tables and the report of a run from its stored samples; show them too."""
-    import pandas as pd
-
-    from gibench.measure.runfolder.folder import SAMPLES
-    from gibench.report.markdown import report
-    from gibench.report.roofline import write_roofline
-    from gibench.report.tables import csv_text, frames_table, passes_table
-    from gibench.report.terminal import show_run
-
-    samples = pd.read_csv(folder.path / SAMPLES)
-    passes, frames = passes_table(samples, record), frames_table(samples, record)
-    folder.write_text("passes.csv", csv_text(passes))
-    folder.write_text("frames.csv", csv_text(frames))
-    write_roofline(folder.path, passes, record)
-    folder.write_text("report.md", report(passes, frames, record))
-    if show:
-        show_run(passes, frames, record)
-
-
-def _image_writer(folder: Path) -> Any:
-    from gibench.measure.runfolder.results import ConfigurationResult
-    from gibench.report.images import ImageWriter
-
-    writer = ImageWriter(folder / "images")
-
-    def take(result: ConfigurationResult, images: dict[str, Any]) -> None:
-        configuration = result.configuration
-        label = f"{configuration.number:02d}-{configuration.label(result.scene)}"
-        writer.write(result.scene, label, images)
-
-    return take
-
-
-def _conclude(outcome: Outcome, folder: Path) -> None:
-    """Raise the error, if any, that decides the exit code.
-
-    Raises:
-        Interrupted: by Ctrl-C; says what was kept.
-        GibenchError: nothing could run (the first reason), or something failed.
-    """
-    if outcome.interrupted:
-        raise Interrupted(f"interrupted; {outcome.samples:,} samples are kept in {folder}")
-    if outcome.write_error is not None:
-        kept = f"{outcome.samples:,} samples are kept in {folder}"
-        raise GibenchError(f"{outcome.write_error.what}; {kept}", where=outcome.write_error.where)
-    first = outcome.first_error
-    if outcome.samples == 0 and first is not None:
-        raise first
-    if outcome.samples == 0:
-        raise CannotRun("no pass of any configuration ran", mend=f"see {folder / 'report.md'}")
-    failed = [result for result in outcome.results if result.status == "failed"]
-    if failed:
-        raise CheckFailed(
-            f"{len(failed)} of {len(outcome.results)} configurations failed, the first because "
-            f"{failed[0].reason}",
-            mend=f"what was measured is in {folder}",
-        )
+        show_run(result.passes, result.frames, result.record)
+        typer.echo(f"{result.ran} of {len(result.frames)} configurations ran; see {result.folder}")
+    if result.error is not None:
+        raise result.error

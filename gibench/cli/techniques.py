@@ -10,7 +10,7 @@ def techniques() -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.measure.plan.configuration import BY_OPTION
+    from gibench.commands.asked import BY_OPTION
     from gibench.report.terminal import console
     from gibench.techniques.registry import techniques as all_techniques
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
+from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
 from gibench.measure.statistics.summary import REAL_TIME_MS, moved
 from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
+from gibench.techniques.registry import axis_title
 from gibench.techniques.technique import CAMERA_AND_GI
 
 _ROOFS = {
@@ -36,9 +39,9 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         *_warnings(record),
         _measured_on(record),
         "## Frames",
-        _frames(frames, passes),
+        _frames(frames, passes, record),
         "## Passes",
-        *_passes(passes, frames),
+        *_passes(passes, frames, record),
         "## The machine's roofs",
         _roofs_section(record, passes),
         *_how(record, passes, frames),
@@ -79,7 +82,8 @@ def _measured_on(record: Mapping[str, Any]) -> str:
     )
 
 
-def _frames(frames: pd.DataFrame, passes: pd.DataFrame) -> str:
+def _frames(frames: pd.DataFrame, passes: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    axes, counts = recorded_axes(record), recorded_counts(record)
     rows = [
         (
             row["technique"],
@@ -87,7 +91,7 @@ def _frames(frames: pd.DataFrame, passes: pd.DataFrame) -> str:
             row["scene"],
             row["profile"],
             row["workgroup_size"],
-            *(_whole(row[name]) for name in ("sh_order", "probes", "receivers")),
+            *(_cell(row[name]) for name in (*axes, *counts, "receivers")),
             row["frames"],
             _gi(row, passes),
             *(number(row[name]) for name in ("median_ms", "p95_ms", "p99_ms", "min_ms")),
@@ -101,7 +105,8 @@ def _frames(frames: pd.DataFrame, passes: pd.DataFrame) -> str:
         for _, row in frames.iterrows()
     ]
     head = (
-        *("technique", "variant", "scene", "profile", "work-group", "SH order", "probes"),
+        *("technique", "variant", "scene", "profile", "work-group"),
+        *(axis_title(name) for name in (*axes, *counts)),
         *(
             "receivers",
             "frames",
@@ -126,7 +131,7 @@ def _gi(frame: pd.Series, passes: pd.DataFrame) -> str:
     return number(frame["gi_ms"]) or "".join(f"in {name}" for name in mixed[:1])
 
 
-def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
+def _passes(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> list[str]:
     head = (
         *(
             "pass",
@@ -157,7 +162,10 @@ def _passes(passes: pd.DataFrame, frames: pd.DataFrame) -> list[str]:
             )
             for _, row in passes[passes["configuration"] == frame["configuration"]].iterrows()
         ]
-        sections += [f"### {heading(frame)}, profile {frame['profile']}", _table(head, rows)]
+        sections += [
+            f"### {heading(frame, record)}, profile {frame['profile']}",
+            _table(head, rows),
+        ]
     return sections
 
 
@@ -196,7 +204,7 @@ def _how(record: Mapping[str, Any], passes: pd.DataFrame, frames: pd.DataFrame) 
             f"are covered {covered}."
         )
     for _, frame in frames.iterrows():
-        title = f"{heading(frame)}, profile {frame['profile']}"
+        title = f"{heading(frame, record)}, profile {frame['profile']}"
         mine = passes[passes["configuration"] == frame["configuration"]]
         rows = [("frame", frame), *((row["pass"], row) for _, row in mine.iterrows())]
         for name, row in rows:
@@ -248,7 +256,7 @@ def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:
         )
         lines += [f"{scene['name']}: {warning}." for warning in scene["warnings"]]
     for entry, (_, frame) in zip(record["configurations"], frames.iterrows(), strict=True):
-        title = f"{heading(frame)}, profile {frame['profile']}"
+        title = f"{heading(frame, record)}, profile {frame['profile']}"
         lines += [f"{title}: {note}." for note in entry["notes"]]
         if entry["reason"] and entry["status"] != "ok":
             lines.append(f"{title}: {entry['status']}: {entry['reason']}.")
@@ -282,5 +290,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     return "\n".join([line(head), line(["---"] * len(head)), *(line(row) for row in rows)])
 
 
-def _whole(value: Any) -> str:
-    return "" if pd.isna(value) else f"{value:,}"
+def _cell(value: Any) -> str:
+    if pd.isna(value):
+        return ""
+    return f"{value:,}" if isinstance(value, int | np.integer) else str(value)

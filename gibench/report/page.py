@@ -83,7 +83,7 @@ def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
     configurations, frames, passes = [], [], []
     for name, run in zip(names, runs, strict=True):
         for entry in run.record["configurations"]:
-            label = configuration_label(entry)
+            label = configuration_label(entry, run.record)
             number = entry["configuration"]
             frame = run.frames[run.frames["configuration"] == number].iloc[0].copy()
             for name_of in ("memory", "memory_budget"):

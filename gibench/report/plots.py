@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.measure.runfolder.folder import write_atomically
+from gibench.techniques.registry import techniques
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,16 +20,15 @@ if TYPE_CHECKING:
 # Okabe and Ito (2008), "Color Universal Design": told apart by nearly everyone.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 
-# Of them those that stand out from white and from near-black alike: contrast 3 and more.
-_TECHNIQUE_COLORS = {"srp": "#0072B2", "ddgi": "#D55E00", "gibs": "#009E73", "direct": "#CC79A7"}
+# The first four stand out from white and from near-black alike: contrast 3 and more.
 
 
 def technique_colors(names: Iterable[str]) -> dict[str, str]:
     """Each technique's own colour, the same in every plot; others than gibench's take the rest."""
-    others = [name for name in dict.fromkeys(names) if name not in _TECHNIQUE_COLORS]
-    left = [color for color in COLORS if color not in _TECHNIQUE_COLORS.values()]
-    rest = dict(zip(others, _cycle(left, len(others)), strict=True))
-    return {name: {**_TECHNIQUE_COLORS, **rest}[name] for name in dict.fromkeys(names)}
+    ours, shown = tuple(techniques()), tuple(dict.fromkeys(names))
+    every = (*ours, *(name for name in shown if name not in ours))
+    colors = dict(zip(every, _cycle(COLORS, len(every)), strict=True))
+    return {name: colors[name] for name in shown}
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
+from gibench.report.tables import whole_numbers
 from gibench.report.terminal import console
 
 _TITLES = {
@@ -30,9 +31,11 @@ def quality_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> 
     """``quality.csv``: one row per configuration and region."""
     table = pd.DataFrame([{name: row.get(name) for name in columns} for row in rows])
     table = table.reindex(columns=list(columns))
-    whole = ("memory_bytes", "workgroup_size", "sh_order", "probes", "surfels", "receivers")
+    whole_numbers(table, rows)
     for name in (
-        *whole,
+        "memory_bytes",
+        "workgroup_size",
+        "receivers",
         "bounces",
         "reference_paths",
         "frames",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from gibench.measure.plan.stopping import median_interval
-from gibench.measure.runfolder.folder import KEYS
+from gibench.measure.runfolder.axes import KEYS, recorded_axes, recorded_counts
 from gibench.measure.statistics.diagnostics import health
 from gibench.measure.statistics.summary import (
     NAN,
@@ -24,32 +24,37 @@ from gibench.measure.statistics.summary import (
 )
 from gibench.techniques.technique import CAMERA, GEOMETRY, GI, Work
 
-PASS_COLUMNS = (
-    *KEYS,
-    *("pass", "probes", "receivers", "frames"),
-    *("mean_ms", "median_ms", "stdev_ms", "p95_ms", "p99_ms", "min_ms", "max_ms"),
-    *("bytes", "flops", "rays", "gb_per_s", "gflop_per_s", "mrays_per_s", "roofline_fraction"),
-    *("status", "reason", "configuration", "stage"),
-    *("ci_low_ms", "ci_high_ms", "outliers", "remarks"),
-)
-FRAME_COLUMNS = (
-    *KEYS,
-    *("surfels", "probes", "receivers", "frames", "gi_ms"),
-    *("mean_ms", "median_ms", "p95_ms", "p99_ms", "min_ms", "fps", "real_time"),
-    *("memory_bytes", "memory_budget_bytes", "status", "reason"),
-    *("device_ms", "gap_ms", "warmup", "configuration"),
-    *("ci_low_ms", "ci_high_ms", "outliers", "stopped", "remarks"),
-)
-_WHOLE = (
-    "sh_order",
-    "surfels",
-    "probes",
-    "receivers",
-    "workgroup_size",
-    "configuration",
-    "outliers",
-)
+_WHOLE = ("receivers", "workgroup_size", "configuration", "outliers", "bytes", "flops", "rays")
 _WORK = ("flops", "bytes_read", "bytes_written", "rays", "atomics")
+
+
+def pass_columns(record: Mapping[str, Any]) -> tuple[str, ...]:
+    """The columns of a run's ``passes.csv``."""
+    return (
+        *KEYS,
+        *recorded_axes(record),
+        "pass",
+        *recorded_counts(record),
+        *("receivers", "frames"),
+        *("mean_ms", "median_ms", "stdev_ms", "p95_ms", "p99_ms", "min_ms", "max_ms"),
+        *("bytes", "flops", "rays", "gb_per_s", "gflop_per_s", "mrays_per_s", "roofline_fraction"),
+        *("status", "reason", "configuration", "stage"),
+        *("ci_low_ms", "ci_high_ms", "outliers", "remarks"),
+    )
+
+
+def frame_columns(record: Mapping[str, Any]) -> tuple[str, ...]:
+    """The columns of a run's ``frames.csv``."""
+    return (
+        *KEYS,
+        *recorded_axes(record),
+        *recorded_counts(record),
+        *("receivers", "frames", "gi_ms"),
+        *("mean_ms", "median_ms", "p95_ms", "p99_ms", "min_ms", "fps", "real_time"),
+        *("memory_bytes", "memory_budget_bytes", "status", "reason"),
+        *("device_ms", "gap_ms", "warmup", "configuration"),
+        *("ci_low_ms", "ci_high_ms", "outliers", "stopped", "remarks"),
+    )
 
 
 def run_roofs(record: Mapping[str, Any]) -> Roofs:
@@ -59,7 +64,7 @@ def run_roofs(record: Mapping[str, Any]) -> Roofs:
 
 
 def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
-    """One row per pass and configuration (columns: ``PASS_COLUMNS``).
+    """One row per pass and configuration (columns: :func:`pass_columns`).
 
     Args:
         samples: the content of ``samples.csv``.
@@ -98,11 +103,11 @@ def passes_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
                     "reason": item["reason"],
                 }
             )
-    return _frame(rows, PASS_COLUMNS)
+    return _frame(rows, pass_columns(record))
 
 
 def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFrame:
-    """One row per configuration (columns: ``FRAME_COLUMNS``).
+    """One row per configuration (columns: :func:`frame_columns`).
 
     A frame's time is the host's: from before its uploads until the queue is empty again.
     ``device_ms`` is the median of what its kernels take together, ``gap_ms`` the median of the
@@ -135,7 +140,7 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
                 "gap_ms": float((times["wall"] - times["device"]).median()),
             }
         rows.append(row)
-    return _frame(rows, FRAME_COLUMNS)
+    return _frame(rows, frame_columns(record))
 
 
 def _gi_ms(samples: pd.DataFrame, record: Mapping[str, Any]) -> dict[int, float]:
@@ -172,15 +177,23 @@ def csv_text(table: pd.DataFrame) -> str:
     return str(table.to_csv(index=False, float_format="%.6g", lineterminator="\n"))
 
 
+def whole_numbers(table: pd.DataFrame, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Make the columns that hold whole numbers alone, and blanks, whole."""
+    for name in table.columns:
+        there = [row[name] for row in rows if row.get(name) is not None]
+        if there and all(
+            isinstance(value, int | np.integer) and not isinstance(value, bool) for value in there
+        ):
+            table[name] = table[name].astype("Int64")
+
+
 def _frame(rows: list[dict[str, Any]], columns: tuple[str, ...]) -> pd.DataFrame:
     table = pd.DataFrame([{name: row.get(name) for name in columns} for row in rows])
     table = table.reindex(columns=list(columns))
+    whole_numbers(table, rows)
     for name in _WHOLE:
         if name in table:
-            table[name] = table[name].astype("Int64")
-    for name in ("bytes", "flops", "rays"):
-        if name in table:
-            table[name] = table[name].round().astype("Int64")
+            table[name] = table[name].astype("Float64").round().astype("Int64")
     return table
 
 

@@ -12,6 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
+from gibench.techniques.registry import axis_title
+
 _WIDE = 150  # columns where the output is no terminal, so that nothing is cut
 
 
@@ -26,7 +29,7 @@ def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, An
     out = console()
     for _, frame in frames.iterrows():
         mine = passes[passes["configuration"] == frame["configuration"]]
-        out.print(f"[bold]{escape(heading(frame))}[/]", soft_wrap=True)
+        out.print(f"[bold]{escape(heading(frame, record))}[/]", soft_wrap=True)
         out.print(_passes(mine))
         out.print(_frame_line(frame, record["environment"]["cpu"]), soft_wrap=True)
         if frame["reason"]:
@@ -46,14 +49,17 @@ def percent(value: Any) -> str:
     return "" if pd.isna(value) else f"{100 * value:.0f} %"
 
 
-def heading(frame: pd.Series) -> str:
-    """A configuration in words."""
+def heading(frame: pd.Series, record: Mapping[str, Any]) -> str:
+    """A configuration of the run ``record`` in words."""
     parts = [f"{frame['technique']} ({frame['variant']}) on {frame['scene']}"]
-    if not pd.isna(frame["sh_order"]):
-        parts.append(f"SH order {frame['sh_order']}")
+    parts += [
+        f"{axis_title(name)} {frame[name]}"
+        for name in recorded_axes(record)
+        if not pd.isna(frame[name])
+    ]
     parts += [
         f"{frame[name]:,} {name}"
-        for name in ("surfels", "probes", "receivers")
+        for name in (*recorded_counts(record), "receivers")
         if not pd.isna(frame[name])
     ]
     parts.append(f"work-group {frame['workgroup_size']}")

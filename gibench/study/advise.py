@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from gibench.errors import CannotRun
-from gibench.measure.plan.configuration import Configuration, Request, grid
+from gibench.measure.plan.grid import Settings, grid
 from gibench.profiles import DeviceProfile
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS
 from gibench.study.pareto import pareto_front
 from gibench.study.regions import WHOLE
+from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import TechniqueSpec
 
 RECEIVER_SHARES = (1.0, 0.5, 0.25)
@@ -31,9 +30,11 @@ def sweep(
     variants: Sequence[str],
     receivers: Sequence[int],
     asked: Mapping[str, Sequence[Any]],
-    settings: Mapping[str, Mapping[str, str]],
-) -> list[Configuration]:
-    """The configurations that are tried, those that share receivers next to each other.
+    settings: Settings,
+    shot: Shot,
+    seed: int,
+) -> list[Job]:
+    """The jobs that are tried, those that share receivers next to each other.
 
     Every technique is tried with all its ``sweep`` declares; where the user names values of a
     setting (``asked``, ``settings``), those are tried instead. A technique whose memory does not
@@ -42,34 +43,26 @@ def sweep(
     Raises:
         BadInput: a value is refused.
     """
-    found: list[Configuration] = []
+    found: list[Job] = []
     for spec in specs:
-        fixed = settings.get(spec.name, {})
-        axes = {n: tuple(v) for n, v in spec.sweep(scene).items() if n not in fixed}
-        axes |= {name: tuple(values) for name, values in asked.items() if values and name in axes}
-        for chosen in product(*axes.values()):
-            values = {**dict(zip(axes, chosen, strict=True))}
-            typed = {name: str(value) for name, value in values.items() if name not in asked}
-            request = Request(
-                scenes=(scene_name,),
-                variants=tuple(variants),
-                sh_orders=(values["sh_order"],) if "sh_order" in values else (),
-                probes=(values["probes"],) if values.get("probes") is not None else (),
-                receivers=_that_matter(spec, scene, receivers),
-                settings={spec.name: {**fixed, **typed}},
-            )
-            found += grid([profile], [spec], request)
-    found.sort(key=lambda c: -(c.receivers or 0))
-    return [_numbered(configuration, i) for i, configuration in enumerate(found, 1)]
+        own = dict(spec.sweep(scene)) | {n: v for n, v in asked.items() if v}
+        found += grid(
+            [profile],
+            [spec],
+            scenes=(scene_name,),
+            variants=variants,
+            common=own,
+            settings={spec.name: settings.get(spec.name, {})},
+            receivers=_that_matter(spec, scene, receivers),
+            shot=shot,
+            seed=seed,
+        )
+    return sorted(found, key=lambda job: -(job.receivers or 0))
 
 
 def _that_matter(spec: TechniqueSpec, scene: Scene, receivers: Sequence[int]) -> tuple[int, ...]:
     floors = {spec.memory_floor(scene, n, spec.settings_type(), 1, 1) for n in receivers}
     return tuple(receivers) if len(floors) > 1 else tuple(receivers[:1])
-
-
-def _numbered(configuration: Configuration, number: int) -> Configuration:
-    return replace(configuration, number=number)
 
 
 def advice(rows: pd.DataFrame, budget_ms: float) -> pd.DataFrame:
@@ -96,20 +89,16 @@ def advice(rows: pd.DataFrame, budget_ms: float) -> pd.DataFrame:
     return pd.concat([first, rest], ignore_index=True)
 
 
-def check_fit(table: pd.DataFrame, budget_ms: float) -> None:
-    """Refuse when nothing fits.
-
-    Raises:
-        CannotRun: no setting meets the budget; says which comes nearest.
-    """
+def misfit(table: pd.DataFrame, budget_ms: float) -> CannotRun | None:
+    """What to say where no setting meets the budget: which comes nearest; None where one does."""
     if table["fits"].any():
-        return
+        return None
     ran = table[table["status"] == "ok"]
     if ran.empty:
         reason = table.iloc[0]["reason"] if len(table) else "nothing was tried"
-        raise CannotRun(f"nothing could run: {reason}")
+        return CannotRun(f"nothing could run: {reason}")
     nearest = ran.sort_values("time_ms").iloc[0]
-    raise CannotRun(
+    return CannotRun(
         f"no setting meets {budget_ms:g} ms on this machine; nearest is {in_words(nearest)} with "
         f"{nearest['time_ms']:.1f} ms",
         mend="raise --budget-ms or lower --resolution or --receivers",

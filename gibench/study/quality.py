@@ -12,10 +12,9 @@ from typing import Any
 from gibench.arrays import Doubles
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
-from gibench.measure.plan.configuration import Configuration
 from gibench.measure.plan.view import choose_camera
+from gibench.measure.runfolder.axes import Axis, axis_values
 from gibench.measure.runfolder.results import FAILED, OK, SKIPPED
-from gibench.measure.session.setup import LoopOptions
 from gibench.reference.metrics import Measure
 from gibench.reference.path_tracer import check_paths, reference_irradiance
 from gibench.scene.lightmap import Lightmap
@@ -27,20 +26,27 @@ from gibench.study.receivers_file import read_reference
 from gibench.study.regions import WHOLE, Mask, read_regions
 from gibench.study.settle import Settled, SettleOptions, refuse_motion, settle
 from gibench.study.through_camera import view
+from gibench.techniques.job import Job
+from gibench.techniques.registry import declared_counts
 
 DEFAULT_TARGET_ERROR = 0.02
 """Mean standard error over mean irradiance; the bias over many receivers is known far better."""
 
-COLUMNS = (
-    *("technique", "scene", "settings", "bias", "rel_mse", "lab_l_mse", "flip", "time_ms"),
-    *("memory_bytes", "rel_l2", "ssim", "region"),
-    *(f"{name}_noise" for name in METRICS),
-    *("result", "variant", "profile", "workgroup_size", "sh_order", "probes", "surfels"),
-    *("receivers", "camera", "light_frame", "bounces", "reference_paths", "reference_error"),
-    *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
-    *("uncovered", "bias_covered", "bias_covered_noise"),
-    *("hidden", "bias_open", "bias_open_noise", "rel_l2_open", "rel_l2_open_noise"),
-)
+
+def columns(axes: Sequence[Axis]) -> tuple[str, ...]:
+    """The columns of ``quality.csv``, with one for each of ``axes``."""
+    return (
+        *("technique", "scene", "settings", "bias", "rel_mse", "lab_l_mse", "flip", "time_ms"),
+        *("memory_bytes", "rel_l2", "ssim", "region"),
+        *(f"{name}_noise" for name in METRICS),
+        *("result", "variant", "profile", "workgroup_size"),
+        *(axis.column for axis in axes),
+        *declared_counts(),
+        *("receivers", "camera", "light_frame", "bounces", "reference_paths", "reference_error"),
+        *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
+        *("uncovered", "bias_covered", "bias_covered_noise"),
+        *("hidden", "bias_open", "bias_open_noise", "rel_l2_open", "rel_l2_open_noise"),
+    )
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,6 @@ class QualityOptions:
     """How techniques are compared with the truth.
 
     Attributes:
-        loop: image, camera and seed.
         settle: when a technique counts as settled.
         bounces: of the reference; None for any number.
         target_error: of the reference, mean standard error over mean irradiance.
@@ -59,7 +64,6 @@ class QualityOptions:
         flip: whether FLIP is wanted, which takes longer than all other metrics together.
     """
 
-    loop: LoopOptions
     settle: SettleOptions = field(default_factory=SettleOptions)
     bounces: int | None = None
     target_error: float = DEFAULT_TARGET_ERROR
@@ -100,7 +104,7 @@ class Outcome:
     """What came out.
 
     Attributes:
-        rows: of :data:`COLUMNS`; one per configuration and region.
+        rows: of :func:`columns`; one per configuration and region.
         groups: finished ones.
         first_error: the first thing that went wrong.
         interrupted: whether Ctrl-C ended it early.
@@ -130,9 +134,7 @@ def check_target_error(target: float) -> None:
         )
 
 
-def check_views(
-    configurations: Sequence[Configuration], options: QualityOptions, shared: FrozenShared
-) -> None:
+def check_views(jobs: Sequence[Job], options: QualityOptions, shared: FrozenShared) -> None:
     """Refuse what is wrong with scenes, cameras and regions before anything long.
 
     Raises:
@@ -141,68 +143,69 @@ def check_views(
     """
     check_target_error(options.target_error)
     check_paths(options.reference_paths, "--reference-paths")
-    refuse_motion(options.loop)
-    for configuration in configurations:
-        scene = shared.scene(configuration.scene)
-        camera = choose_camera(scene, options.loop.camera)
-        read_regions(scene, camera, options.regions, options.loop.width, options.loop.height)
+    for job in jobs:
+        refuse_motion(job.shot)
+        scene = shared.scene(job.scene)
+        camera = choose_camera(scene, job.shot.camera)
+        read_regions(scene, camera, options.regions, job.shot.width, job.shot.height)
     if options.reference is not None and not options.reference.is_file():
         raise BadInput("no such file", where=options.reference)
 
 
 def compare(
-    configurations: Sequence[Configuration],
+    jobs: Sequence[Job],
     options: QualityOptions,
     shared: FrozenShared,
     cl_device: Any,
+    axes: Sequence[Axis] = (),
     take: Take | None = None,
     keep: Keep | None = None,
     done: Container[int] = (),
 ) -> Outcome:
-    """Settle every configuration and compare it with the reference of its receivers.
+    """Settle every job and compare it with the reference of its receivers.
 
-    Configurations that share receivers come next to each other, as ``grid`` has them. One that
+    Jobs that share receivers come next to each other, as ``grid`` has them. One that
     cannot run is told in its row, and the others go on.
 
     Args:
-        configurations: to compare.
+        jobs: to compare.
         options: how.
         shared: scenes with standing lights.
         cl_device: where techniques run.
+        axes: settings with a column of their own.
         take: called with the group and the result's name whenever a result is there.
-        keep: called with a configuration's number and its rows as soon as they are there.
+        keep: called with a job's number, counted from 1, and its rows as soon as they are there.
         done: numbers of configurations that are left out, as their rows are kept from before.
 
     Raises:
         BadInput: the scene, camera, a region, the reference's file or its target error is wrong.
     """
-    check_views(configurations, options, shared)
-    names = result_names(configurations)
+    check_views(jobs, options, shared)
+    names = result_names(jobs)
     outcome = Outcome()
     try:
         group, key = None, None
-        for turn, configuration in enumerate(configurations, 1):
-            if configuration.number in done:
+        for number, (job, name) in enumerate(zip(jobs, names, strict=True), 1):
+            if number in done:
                 continue
-            if group is None or key != (configuration.scene, configuration.receivers):
-                key = configuration.scene, configuration.receivers
-                group = group_of(configuration, options, shared)
+            if group is None or key != (job.scene, job.receivers):
+                key = job.scene, job.receivers
+                group = group_of(job, options, shared)
                 outcome.groups.append(group)
-            name = names[configuration.number]
             try:
-                among = f"{turn} of {len(configurations)}"
-                settled = settle(
-                    configuration, options.settle, options.loop, shared, cl_device, among
-                )
+                among = f"{number} of {len(jobs)}"
+                settled = settle(job, options.settle, shared, cl_device, among)
             except GibenchError as error:
                 outcome.first_error = outcome.first_error or error
-                rows = [_refused(configuration, group, options, shared, name, error)]
+                rows = [_refused(job, group, options, shared, name, error)]
             else:
                 rows = rows_of(settled, group, options, shared, name)
+            for row in rows:
+                row |= axis_values(job, axes)
                 group.results[name] = settled.irradiance
             outcome.rows += rows
             if keep is not None:
-                keep(configuration.number, rows)
+                keep(number, rows)
             if take is not None and name in group.results:
                 take(group, name)
     except KeyboardInterrupt:
@@ -210,16 +213,16 @@ def compare(
     return outcome
 
 
-def group_of(configuration: Configuration, options: QualityOptions, shared: FrozenShared) -> Group:
-    """The receivers of ``configuration`` and their reference, path-traced or from a file.
+def group_of(job: Job, options: QualityOptions, shared: FrozenShared) -> Group:
+    """The receivers of ``job`` and their reference, path-traced or from a file.
 
     Raises:
         BadInput: a target error, bounces, region or file that is wrong.
     """
-    scene, loop = shared.scene(configuration.scene), options.loop
-    camera = choose_camera(scene, loop.camera)
-    receivers = configuration.receivers or scene.receivers
-    lightmap = shared.lightmap(configuration.scene, receivers)
+    scene, shot = shared.scene(job.scene), job.shot
+    camera = choose_camera(scene, shot.camera)
+    receivers = job.receivers or scene.receivers
+    lightmap = shared.lightmap(job.scene, receivers)
     about = {
         "scene": scene.content_hash(),
         "scene_name": scene.name,
@@ -241,9 +244,9 @@ def group_of(configuration: Configuration, options: QualityOptions, shared: Froz
             store_dir=shared.cache_dir,
         )
         value, stderr, paths = found.value, found.stderr, found.paths
-    seen = view(scene, lightmap, camera, loop.width, loop.height)
+    seen = view(scene, lightmap, camera, shot.width, shot.height)
     truth = Truth.of(value, stderr, lightmap.receivers.area, seen)
-    masks = read_regions(scene, camera, options.regions, loop.width, loop.height)
+    masks = read_regions(scene, camera, options.regions, shot.width, shot.height)
     about |= {"paths": paths, "camera": camera.name}
     outside = open_receivers(scene, lightmap)
     return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, outside, about)
@@ -252,14 +255,12 @@ def group_of(configuration: Configuration, options: QualityOptions, shared: Froz
 def rows_of(
     settled: Settled, group: Group, options: QualityOptions, shared: FrozenShared, name: str
 ) -> list[dict[str, Any]]:
-    """One row of :data:`COLUMNS` per region."""
+    """One row of :func:`columns` per region."""
     found = errors(group.truth, settled.irradiance, group.regions, with_flip=options.flip)
-    counts = settled.result.counts
-    common = _keys(settled.result.configuration, group, options, shared, name) | {
+    common = _keys(settled.job, group, options, shared, name) | {
         "time_ms": settled.times.median_ms,
-        "memory_bytes": settled.result.memory_bytes,
-        "probes": counts.get("probes"),
-        "surfels": counts.get("surfels"),
+        "memory_bytes": settled.memory_bytes,
+        **{name: settled.counts.get(name) for name in declared_counts()},
         "frames": settled.frames,
         "settled": settled.settled,
         "change": settled.change,
@@ -289,30 +290,30 @@ def settings_in_words(settings: Any) -> str:
     return ", ".join(changed) or "default"
 
 
-def result_names(configurations: Sequence[Configuration]) -> dict[int, str]:
-    """A name for every configuration's result, by its number.
+def result_names(jobs: Sequence[Job]) -> list[str]:
+    """A name for the result of each of ``jobs``.
 
     The technique's own where it is the only one on its receivers, with more in words otherwise;
     two never share one.
     """
-    names: dict[int, str] = {}
-    for mine in configurations:
+    names: list[str] = []
+    for mine in jobs:
         others = [
             c
-            for c in configurations
-            if c.spec.name == mine.spec.name
+            for c in jobs
+            if c.technique == mine.technique
             and (c.scene, c.receivers) == (mine.scene, mine.receivers)
         ]
-        parts = [mine.spec.name]
+        parts = [mine.technique]
         for differs in (
             lambda c: settings_in_words(c.settings),
             lambda c: c.variant,
             lambda c: c.profile.name,
-            lambda c: f"work-group {c.workgroup_size}",
+            lambda c: f"work-group {c.group_size}",
         ):
             if len({differs(other) for other in others}) > 1:
                 parts.append(differs(mine))
-        names[mine.number] = ", ".join(parts)
+        names.append(", ".join(parts))
     return names
 
 
@@ -343,33 +344,32 @@ def _among_open(settled: Settled, group: Group) -> dict[str, float]:
 
 
 def _keys(
-    configuration: Configuration,
+    job: Job,
     group: Group,
     options: QualityOptions,
     shared: FrozenShared,
     name: str,
 ) -> dict[str, Any]:
     return {
-        "technique": configuration.spec.name,
+        "technique": job.technique,
         "scene": group.scene.name,
-        "settings": settings_in_words(configuration.settings),
+        "settings": settings_in_words(job.settings),
         "result": name,
-        "variant": configuration.variant,
-        "profile": configuration.profile.name,
-        "workgroup_size": configuration.workgroup_size,
-        "sh_order": configuration.sh_order,
+        "variant": job.variant,
+        "profile": job.profile.name,
+        "workgroup_size": job.group_size,
         "receivers": len(group.lightmap.receivers),
         "camera": group.about["camera"],
         "light_frame": shared.light_frame,
         "bounces": options.bounces,
         "reference_paths": group.about["paths"],
         "reference_error": group.truth.relative_error,
-        "memory_budget_bytes": configuration.profile.memory_budget_bytes,
+        "memory_budget_bytes": job.profile.memory_budget_bytes,
     }
 
 
 def _refused(
-    configuration: Configuration,
+    job: Job,
     group: Group,
     options: QualityOptions,
     shared: FrozenShared,
@@ -377,7 +377,7 @@ def _refused(
     error: GibenchError,
 ) -> dict[str, Any]:
     status = SKIPPED if isinstance(error, CannotRun) else FAILED
-    keys = _keys(configuration, group, options, shared, name)
+    keys = _keys(job, group, options, shared, name)
     return {**keys, "region": WHOLE, "status": status, "reason": without_paths(str(error))}
 
 

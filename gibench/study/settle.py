@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,16 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles
-from gibench.errors import CannotRun, GibenchError
-from gibench.measure.plan.configuration import Configuration
-from gibench.measure.runfolder.results import SKIPPED, ConfigurationResult
-from gibench.measure.session.enqueue import PreparedPass, enqueue_frame, prepare_passes
-from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.errors import CannotRun
+from gibench.measure.plan.grid import job_label
+from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Summary, summarize
 from gibench.progress import progress
 from gibench.scene.lightmap import Lightmap
-from gibench.techniques.technique import KnowsItsCover, Technique
+from gibench.techniques.job import Job, Shot
 
 FIRST_CHECK = 16
 """Frames after which the indirect light is looked at first, and then whenever they double; a
@@ -50,7 +47,9 @@ class Settled:
     """What became of a configuration.
 
     Attributes:
-        result: counts, memory and notes.
+        job: what was run.
+        counts: probes, surfels, as the technique has them.
+        memory_bytes: the most that was allocated at once.
         lightmap: the receivers.
         irradiance: (n, 3) of the last frame, W/m2.
         covered: (n,) receivers the technique has anything to say of; the others it calls black.
@@ -60,7 +59,9 @@ class Settled:
         times: wall times of the last frames.
     """
 
-    result: ConfigurationResult
+    job: Job
+    counts: dict[str, int]
+    memory_bytes: int
     lightmap: Lightmap = field(repr=False)
     irradiance: Doubles = field(repr=False)
     covered: npt.NDArray[np.bool_] = field(repr=False)
@@ -71,19 +72,17 @@ class Settled:
 
 
 def settle(
-    configuration: Configuration,
+    job: Job,
     options: SettleOptions,
-    loop: LoopOptions,
     shared: Shared,
     cl_device: Any,
     among: str = "",
 ) -> Settled:
-    """Run ``configuration`` until it is settled or has run all its frames.
+    """Run ``job`` until it is settled or has run all its frames.
 
     Args:
-        configuration: what to run.
+        job: what to run.
         options: when to stop.
-        loop: image, camera and seed as in a run; without ``fit``; its frames do not count.
         shared: scenes whose lights stand still.
         cl_device: where to run.
         among: what it is among others, for the progress bar, as in "3 of 18".
@@ -92,46 +91,41 @@ def settle(
         CannotRun: the profile, device or budget forbids it or one of its passes.
         GibenchError: a pass failed, or the irradiance is not finite.
     """
-    refuse_motion(loop)
-    scene = shared.scene(configuration.scene)
-    result = ConfigurationResult(configuration, scene.name)
-    device, technique = set_up(result, loop, shared, cl_device)
-    try:
-        prepared = prepare_passes(technique, configuration.workgroup_size)
-        refuse_missing(prepared)
-        title = f"settling {configuration.label(scene.name)}" + (f" ({among})" if among else "")
-        with progress(title, options.frames) as advance:
+    refuse_motion(job.shot)
+    with Session.open(job, shared, cl_device) as session:
+        session.prepare(whole=True)
+        title = f"settling {job_label(job, session.world.scene.name)}"
+        with progress(title + (f" ({among})" if among else ""), options.frames) as advance:
             frames, times = 0, []
-            watch = _Watch(options, _next=loop.flight.frames + FIRST_CHECK)
+            watch = _Watch(options, _next=job.shot.flight.frames + FIRST_CHECK)
             while frames < options.frames:
-                times.append(enqueue_frame(technique, prepared, frames).wall_ms)
+                times.append(session.frame(frames).wall_ms)
                 frames += 1
                 advance(1)
-                if watch.asks(frames) and watch.stands_still(_irradiance(technique)):
+                if watch.asks(frames) and watch.stands_still(session.irradiance()):
                     break
-            result.memory_bytes = device.memory.peak_bytes
-            result.counts, result.frames = dict(technique.counts()), frames
-            irradiance = _irradiance(technique)
-            covered = np.ones(len(irradiance), bool)
-            if isinstance(technique, KnowsItsCover):
-                covered = technique.covered()
-    finally:
-        device.queue.finish()
-    lightmap = shared.lightmap(configuration.scene, configuration.receivers or scene.receivers)
-    warm = times[min(3, len(times) - 1) :][-options.timed :]
-    return Settled(
-        *(result, lightmap, irradiance, covered),
-        *(frames, watch.settled, watch.change, summarize(warm)),
-    )
+            warm = times[min(3, len(times) - 1) :][-options.timed :]
+            return Settled(
+                job=job,
+                counts=session.counts(),
+                memory_bytes=session.memory_bytes,
+                lightmap=session.world.lightmap,
+                irradiance=session.irradiance(),
+                covered=session.covered(),
+                frames=frames,
+                settled=watch.settled,
+                change=watch.change,
+                times=summarize(warm),
+            )
 
 
-def refuse_motion(loop: LoopOptions) -> None:
+def refuse_motion(shot: Shot) -> None:
     """Refuse objects that move: nothing settles, and there is no truth to settle on.
 
     Raises:
         CannotRun: they do.
     """
-    if loop.motion.moves:
+    if shot.motion.moves:
         raise CannotRun(
             "light settles, and has a path-traced truth, only where all objects rest",
             where="--motion",
@@ -167,31 +161,3 @@ class _Watch:
         off = float(np.sqrt(((now - before) ** 2).mean())) / mean
         self.settled = abs(self.change) <= self.options.tolerance and off <= self.options.jitter
         return self.settled
-
-
-def refuse_missing(prepared: Sequence[PreparedPass]) -> None:
-    """Refuse a frame without all its passes.
-
-    Raises:
-        CannotRun: the profile or device forbids one.
-        GibenchError: one failed.
-    """
-    for item in prepared:
-        if item.status != "ok":
-            kind = CannotRun if item.status == SKIPPED else GibenchError
-            raise kind(f"{item.name}: {item.problem}")
-
-
-def _irradiance(technique: Technique) -> Doubles:
-    """Of all receivers.
-
-    Raises:
-        GibenchError: some of it is not finite.
-    """
-    values: npt.NDArray[Any] = np.asarray(technique.indirect_irradiance())
-    broken = int((~np.isfinite(values)).any(axis=-1).sum())
-    if broken:
-        raise GibenchError(
-            f"the indirect irradiance of {broken:,} of {len(values):,} receivers is not finite"
-        )
-    return values.astype(np.float64)

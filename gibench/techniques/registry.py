@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
@@ -80,9 +80,9 @@ class TechniqueSpec:
         name: on the command line.
         title: in words.
         variants: those it has; ``tuned`` is run by default.
-        settings_type: a dataclass with defaults; field metadata carries ``help`` and ``unit``.
-            Fields called ``sh_order`` and ``probes`` are set by the options of that name, all
-            others by ``--set technique.field=value``.
+        settings_type: a dataclass with defaults; field metadata carries ``help`` and ``unit``,
+            ``title`` where its name alone does not read well, and ``axis`` where every table has a
+            column of it.
         create: sets the technique up on a device.
         memory_floor: bytes of device memory it will take at least, known before baking, from
             (scene, number of receivers, settings, image width, image height).
@@ -93,6 +93,8 @@ class TechniqueSpec:
         check: refuses settings that do not suit a scene (BadInput) before any long work.
         follows: what of it follows objects that move; what holds only for the scene at rest (a
             bake) does not. One that does not follow with its direct light is not run with motion.
+        counts: those of :meth:`Technique.counts` that tables show; by name, the one that stands for
+            it where a configuration is told from others, in which chance has no part.
         memory_options: what on the command line lowers its memory, for messages; its receivers
             are on the device only where ``--receivers`` is among them.
     """
@@ -107,6 +109,7 @@ class TechniqueSpec:
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     check: Callable[[Scene, Any], None] = no_check
     follows: frozenset[Follows] = frozenset()
+    counts: Mapping[str, str] = field(default_factory=dict)
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
     def bake_key(self, context: BakeContext) -> str:
@@ -152,6 +155,34 @@ def techniques() -> dict[str, TechniqueSpec]:
         if isinstance(spec, TechniqueSpec):
             specs[spec.name] = spec
     return specs
+
+
+def declared_axes() -> tuple[str, ...]:
+    """Settings that have a column in every table, whether they differ in a run or not: those whose
+    field says ``axis``.
+    """
+    return tuple(
+        dict.fromkeys(
+            item.name
+            for spec in techniques().values()
+            for item in fields(spec.settings_type)
+            if item.metadata.get("axis")
+        )
+    )
+
+
+def axis_title(name: str) -> str:
+    """What a setting is called where a table or a label is read."""
+    for spec in techniques().values():
+        for item in fields(spec.settings_type):
+            if item.name == name and "title" in item.metadata:
+                return str(item.metadata["title"])
+    return name.replace("_", " ")
+
+
+def declared_counts() -> dict[str, str]:
+    """All techniques' ``counts``."""
+    return {name: of for spec in techniques().values() for name, of in spec.counts.items()}
 
 
 def find_technique(name: str) -> TechniqueSpec:

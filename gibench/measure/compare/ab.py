@@ -14,8 +14,10 @@ from gibench.errors import CheckFailed
 from gibench.measure.compare.kernel_trees import KernelTree
 from gibench.measure.compare.lockstep import PairTimes, time_pair
 from gibench.measure.compare.paired import Judged, judge_rows, looks, undecided
-from gibench.measure.compare.replicate import ReplicateSpec
+from gibench.measure.compare.replicate import Place
 from gibench.measure.session.shared import Shared
+from gibench.techniques.job import Job
+from gibench.techniques.registry import find_technique
 
 
 @dataclass(frozen=True)
@@ -66,20 +68,21 @@ class AbResult:
 
 
 def check(
-    spec: ReplicateSpec,
+    job: Job,
+    place: Place,
     old: KernelTree,
     new: KernelTree,
     options: AbOptions,
     advance: Callable[[int], None] = lambda steps: None,
 ) -> AbResult:
-    """Time ``new`` against ``old`` on the configuration ``spec``.
+    """Time ``new`` against ``old`` on ``job``; of ``place`` the kernels are theirs.
 
     Raises:
         SideFailed: one tree cannot run.
     """
     begin = time.monotonic()
     rng = np.random.default_rng(options.seed)
-    sides = [replace(spec, kernel_root=str(tree.root)) for tree in (old, new)]
+    sides = [replace(place, kernel_root=str(tree.root)) for tree in (old, new)]
     most = options.replicates or options.most
     ends = (most,) if options.replicates else looks(most)
     pairs: list[PairTimes] = []
@@ -89,7 +92,9 @@ def check(
         for count in range(1, most + 1):
             keep = Path(folder) if count == 1 else None
             pairs.append(
-                time_pair(*sides, frames=options.frames, warmup=options.warmup, rng=rng, keep=keep)
+                time_pair(
+                    job, *sides, frames=options.frames, warmup=options.warmup, rng=rng, keep=keep
+                )
             )
             advance(1)
             if keep is not None:
@@ -112,16 +117,15 @@ def check(
     )
 
 
-def bake_once(spec: ReplicateSpec) -> None:
-    """Bake what ``spec`` needs into its cache, so that no replicate has to.
+def bake_once(job: Job, cache_dir: Path) -> None:
+    """Bake what ``job`` needs into the cache, so that no replicate has to.
 
     Raises:
         GibenchError: it cannot be baked, or the settings are wrong.
     """
-    configuration = spec.configuration()
-    shared = Shared(Path(spec.cache_dir), spec.seed)
-    receivers = configuration.receivers or shared.scene(spec.scene).receivers
-    shared.baked(configuration.spec, configuration.settings, spec.scene, receivers)
+    shared = Shared(cache_dir, job.seed)
+    receivers = job.receivers or shared.scene(job.scene).receivers
+    shared.baked(find_technique(job.technique), job.settings, job.scene, receivers)
 
 
 def log_ratios(pairs: list[PairTimes]) -> dict[str, list[float]]:

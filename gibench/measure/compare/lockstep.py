@@ -24,7 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.errors import CheckFailed, GibenchError
-from gibench.measure.compare.replicate import ReplicateSpec
+from gibench.measure.compare.replicate import Place, request
+from gibench.techniques.job import Job
 
 FRAME = "frame"
 """Stands for the whole frame (wall time) beside the passes (device time)."""
@@ -96,8 +97,8 @@ class Replicate:
 
 
 @contextlib.contextmanager
-def replicates(*sides: tuple[str, ReplicateSpec]) -> Iterator[list[Replicate]]:
-    """Fresh processes set up side by side, ready to run frames; ended with the block.
+def replicates(job: Job, *sides: tuple[str, Place]) -> Iterator[list[Replicate]]:
+    """Fresh processes with ``job`` set up side by side, ready to run frames; ended with the block.
 
     Raises:
         SideFailed: one cannot be set up.
@@ -105,7 +106,7 @@ def replicates(*sides: tuple[str, ReplicateSpec]) -> Iterator[list[Replicate]]:
     running: list[Replicate] = []
     with tempfile.TemporaryFile("w+") as noise:  # what compilers print
         try:
-            for side, spec in sides:
+            for side, place in sides:
                 process = subprocess.Popen(
                     [sys.executable, "-m", "gibench.measure.compare.replicate"],
                     stdin=subprocess.PIPE,
@@ -114,7 +115,7 @@ def replicates(*sides: tuple[str, ReplicateSpec]) -> Iterator[list[Replicate]]:
                     text=True,
                 )
                 running.append(Replicate(side, process))
-                running[-1].ask(spec.to_json())
+                running[-1].ask(request(job, place))
             for one in running:
                 one.answer()
             yield running
@@ -132,8 +133,9 @@ def replicates(*sides: tuple[str, ReplicateSpec]) -> Iterator[list[Replicate]]:
 
 
 def time_pair(
-    old: ReplicateSpec,
-    new: ReplicateSpec,
+    job: Job,
+    old: Place,
+    new: Place,
     *,
     frames: int,
     warmup: int,
@@ -143,6 +145,7 @@ def time_pair(
     """Time one fresh pair of processes.
 
     Args:
+        job: what both run.
         old: the baseline.
         new: what is judged.
         frames: measured, of each.
@@ -156,7 +159,7 @@ def time_pair(
     order = [("OLD", old), ("NEW", new)]
     if rng.random() < 0.5:  # who starts first is drawn too
         order.reverse()
-    with replicates(*order) as running:
+    with replicates(job, *order) as running:
         by_side = {one.side: one for one in running}
         times: dict[str, list[dict[str, float]]] = {"OLD": [], "NEW": []}
         for frame in range(warmup + frames):

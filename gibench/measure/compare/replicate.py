@@ -1,7 +1,7 @@
 """One process that runs one configuration with one kernel tree, a frame whenever it is told to.
 
 Started as ``python -m gibench.measure.compare.replicate``: the configuration comes as one line of
-JSON on standard input (:class:`ReplicateSpec`), then commands, one a line: ``frame N`` runs frame N
+JSON on standard input (:func:`request`), then commands, one a line: ``frame N`` runs frame N
 and ``keep FILE`` writes what was computed; every answer is one line of JSON. The end of input ends
 it. The parent (:mod:`gibench.measure.compare.lockstep`) lets two such processes take turns.
 """
@@ -12,78 +12,38 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from gibench.errors import BadInput, CannotRun, GibenchError
+from gibench.errors import BadInput, GibenchError
 
 if TYPE_CHECKING:
-    from gibench.measure.plan.configuration import Configuration
+    from gibench.techniques.job import Job
 
 
 @dataclass(frozen=True)
-class ReplicateSpec:
-    """One configuration, as a fresh process needs it.
+class Place:
+    """Where a job is run.
 
     Attributes:
-        settings: further settings of the technique, as typed by the user.
-        receivers: number to aim for; None leaves it to the scene.
-        workgroup_size: None leaves it to the profile.
+        cache_dir: what is baked is found there.
         kernel_root: folder of the kernel tree; None for the installed one.
         device: number of the OpenCL device; None for the first.
     """
 
-    technique: str
-    variant: str
-    scene: str
-    profile: str
     cache_dir: str
-    sh_order: int | None = None
-    probes: int | None = None
-    receivers: int | None = None
-    workgroup_size: int | None = None
-    settings: Mapping[str, str] = field(default_factory=dict)
-    width: int = 320
-    height: int = 180
-    camera: str | None = None
-    seed: int = 0
-    device: int | None = None
     kernel_root: str | None = None
-
-    def to_json(self) -> str:
-        """One line."""
-        return json.dumps(asdict(self))
-
-    def configuration(self) -> Configuration:
-        """The configuration it names.
-
-        Raises:
-            GibenchError: it names something that does not exist or fit.
-        """
-        from gibench.measure.plan.configuration import Request, grid
-        from gibench.profiles import load_profile
-        from gibench.techniques.registry import find_technique
-
-        def one(value: int | None) -> tuple[int, ...]:
-            return () if value is None else (value,)
-
-        request = Request(
-            scenes=(self.scene,),
-            variants=(self.variant,),
-            sh_orders=one(self.sh_order),
-            probes=one(self.probes),
-            receivers=one(self.receivers),
-            workgroup_sizes=one(self.workgroup_size),
-            settings={self.technique: self.settings} if self.settings else {},
-        )
-        spec = find_technique(self.technique)
-        (configuration,) = grid([load_profile(self.profile)], [spec], request)
-        return configuration
+    device: int | None = None
 
 
-def serve(spec: ReplicateSpec, commands: TextIO, answers: TextIO) -> None:
-    """Set ``spec`` up, say so, and answer commands until their end.
+def request(job: Job, place: Place) -> str:
+    """``job`` at ``place`` as one line of JSON, which a fresh process is started with."""
+    return json.dumps({"job": job.record(), "place": asdict(place)})
+
+
+def serve(job: Job, place: Place, commands: TextIO, answers: TextIO) -> None:
+    """Set ``job`` up, say so, and answer commands until their end.
 
     Raises:
         GibenchError: it cannot be set up; a pass of it cannot run.
@@ -91,36 +51,23 @@ def serve(spec: ReplicateSpec, commands: TextIO, answers: TextIO) -> None:
     import numpy as np
 
     from gibench.device.device import select_cl_device
-    from gibench.measure.runfolder.results import ConfigurationResult
-    from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-    from gibench.measure.session.setup import LoopOptions, set_up
+    from gibench.measure.session.session import Session
     from gibench.measure.session.shared import Shared
 
-    configuration = spec.configuration()
-    options = LoopOptions(
-        width=spec.width,
-        height=spec.height,
-        camera=spec.camera,
-        seed=spec.seed,
-        kernel_root=Path(spec.kernel_root) if spec.kernel_root else None,
-    )
-    result = ConfigurationResult(configuration, spec.scene)
-    shared = Shared(Path(spec.cache_dir), spec.seed)
-    _, technique = set_up(result, options, shared, select_cl_device(spec.device))
-    prepared = prepare_passes(technique, configuration.workgroup_size)
-    for item in prepared:
-        if item.problem:
-            error = CannotRun if item.status == "skipped" else GibenchError
-            raise error(f"{item.name}: {item.problem}")
-    _answer(answers, {"ready": [item.name for item in prepared]})
+    root = Path(place.kernel_root) if place.kernel_root else None
+    shared = Shared(Path(place.cache_dir), job.seed)
+    session = Session.open(job, shared, select_cl_device(place.device), kernel_root=root)
+    session.prepare(whole=True)
+    _answer(answers, {"ready": [item.name for item in session.prepared]})
     for line in commands:
         command, _, argument = line.strip().partition(" ")
         if command == "frame":
-            times = enqueue_frame(technique, prepared, int(argument))
+            times = session.frame(int(argument))
             _answer(answers, {"wall_ms": times.wall_ms, "pass_ms": times.pass_ms})
         elif command == "keep":
-            outputs: dict[str, Any] = {"indirect irradiance": technique.indirect_irradiance()}
-            outputs |= {f"image {title}": image for title, image in technique.images().items()}
+            irradiance = session.technique.indirect_irradiance()
+            outputs: dict[str, Any] = {"indirect irradiance": irradiance}
+            outputs |= {f"image {title}": image for title, image in session.images().items()}
             np.savez(argument, **outputs)
             _answer(answers, {"kept": argument})
         else:
@@ -137,7 +84,10 @@ def main() -> int:
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     try:
-        serve(ReplicateSpec(**json.loads(sys.stdin.readline())), sys.stdin, answers)
+        from gibench.techniques.registry import job_of
+
+        asked = json.loads(sys.stdin.readline())
+        serve(job_of(asked["job"]), Place(**asked["place"]), sys.stdin, answers)
     except GibenchError as error:
         _answer(answers, {"error": str(error), "exit_code": error.exit_code})
         return error.exit_code

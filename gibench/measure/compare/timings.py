@@ -12,12 +12,12 @@ import numpy as np
 from gibench.errors import BadInput
 from gibench.measure.compare.lockstep import FRAME
 from gibench.measure.compare.runs import RowKey, Timings
+from gibench.measure.runfolder.axes import plain_settings, recorded_axes
 from gibench.measure.runfolder.folder import RECORD
-from gibench.measure.runfolder.results import plain_settings
 from gibench.measure.runfolder.stored_run import StoredRun, read_run
 from gibench.techniques.camera_path import REST
 from gibench.techniques.object_motion import SCENE
-from gibench.techniques.registry import techniques
+from gibench.techniques.registry import axis_title, declared_counts, techniques
 
 _MEND = "give a run's folder, a folder of such folders, or a JSON file of pytest-benchmark"
 
@@ -66,7 +66,7 @@ def _of_run(run: StoredRun, name: str) -> Timings:
     by_pass = run.samples.groupby(["configuration", "pass"], sort=False)["time_ms"]
     by_frame = run.samples.groupby(["configuration", "frame"], sort=False)["frame_wall_ms"].first()
     for entry in record["configurations"]:
-        label, number = configuration_label(entry), entry["configuration"]
+        label, number = configuration_label(entry, record), entry["configuration"]
         passes = {item["pass"]: item for item in entry["passes"]}
         whole = entry["frames"] > 0 and all(item["status"] == "ok" for item in passes.values())
         if whole:
@@ -82,17 +82,19 @@ def _of_run(run: StoredRun, name: str) -> Timings:
     return timings
 
 
-def configuration_label(entry: Mapping[str, Any]) -> str:
+def configuration_label(entry: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     """A configuration of ``run.json`` in words that tell it from every other."""
     parts = [f"{entry['technique']} ({entry['variant']}) on {entry['scene']}"]
     parts.append(f"profile {entry['profile']}")
-    if entry["sh_order"] is not None:
-        parts.append(f"SH order {entry['sh_order']}")
-    # Not the surfels alive at the end, whose number chance has a part in.
-    sizes = {
-        "surfels": entry.get("counts", {}).get("surfel_capacity"),
-        **{name: entry.get(name) for name in ("probes", "receivers")},
-    }
+    parts += [
+        f"{axis_title(name)} {entry[name]}"
+        for name in recorded_axes(record)
+        if entry.get(name) is not None
+    ]
+    # Not those in whose number chance has a part, such as the surfels alive at the end.
+    counts = {**entry, **entry.get("counts", {})}
+    sizes = {name: counts.get(of) for name, of in declared_counts().items()}
+    sizes["receivers"] = entry.get("receivers")
     parts += [f"{size:,} {name}" for name, size in sizes.items() if size]
     auto = entry.get("auto_workgroup")
     parts.append("work-group auto" if auto else f"work-group {entry['workgroup_size']}")
@@ -119,7 +121,7 @@ def _identity(record: Mapping[str, Any]) -> dict[str, Any]:
     for scene in record.get("scenes", ()):
         identity[f"scene {scene['name']}"] = scene["content_hash"]
     for entry in record["configurations"]:
-        label = configuration_label(entry)
+        label = configuration_label(entry, record)
         identity[f"settings of {label}"] = _settings(entry)
         identity[f"camera of {label}"] = entry.get("camera")
     return identity

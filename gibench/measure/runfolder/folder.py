@@ -14,15 +14,14 @@ from typing import Any
 
 from gibench.errors import BadInput, GibenchError
 from gibench.files import write_whole
+from gibench.measure.runfolder.axes import KEYS
 
 SCHEMA_VERSION, OLDEST_SCHEMA = 1, 1
 SAMPLES, RECORD = "samples.csv", "run.json"
-KEYS = ("technique", "variant", "scene", "profile", "workgroup_size", "sh_order")
-SAMPLE_COLUMNS = (
-    *KEYS,
-    *("pass", "frame", "time_ms"),
-    *("probes", "receivers", "frame_wall_ms", "configuration"),
-)
+SAMPLE = ("pass", "frame", "time_ms")
+"""Columns of a sample after its keys and axes."""
+SAMPLE_TAIL = ("receivers", "frame_wall_ms", "configuration")
+"""Its last columns, after the technique's counts."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +58,12 @@ class RunFolder:
             raise BadInput(f"the output folder already holds {what}", where=path, mend=mend)
         return folder
 
-    def start_samples(self) -> None:
+    def start_samples(self, axes: Sequence[str], counts: Sequence[str]) -> None:
         """Begin ``samples.csv`` anew with its header."""
-        self.write_text(SAMPLES, ",".join(SAMPLE_COLUMNS) + "\n")
+        self.write_text(SAMPLES, ",".join(sample_columns(axes, counts)) + "\n")
 
     def append_samples(self, rows: Iterable[Sequence[Any]]) -> None:
-        """Append rows of ``SAMPLE_COLUMNS`` and see them on the disk.
+        """Append rows of :func:`sample_columns` and see them on the disk.
 
         Raises:
             GibenchError: the disk refuses; what was there before stays.
@@ -96,6 +95,11 @@ class RunFolder:
             return record["arguments"]
         except (OSError, ValueError, KeyError, TypeError):
             return None
+
+
+def sample_columns(axes: Sequence[str], counts: Sequence[str]) -> tuple[str, ...]:
+    """The columns of ``samples.csv``; ``axes`` and ``counts`` as the run has them."""
+    return (*KEYS, *axes, *SAMPLE, *counts, *SAMPLE_TAIL)
 
 
 def default_folder(profiles: Sequence[str]) -> Path:

@@ -10,41 +10,52 @@ from typing import Any
 
 from gibench.errors import printable
 from gibench.measure.machine.environment import device_record, environment, versions, without_paths
+from gibench.measure.plan.stopping import Plan
+from gibench.measure.runfolder.axes import Axis
 from gibench.measure.runfolder.folder import SCHEMA_VERSION
 from gibench.measure.session.cold import ColdFacts
 from gibench.measure.session.loop import Outcome
-from gibench.measure.session.setup import LoopOptions
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Roofs
 from gibench.profiles import DeviceProfile
 from gibench.scene.motion.file import motions_hash
+from gibench.techniques.job import Job
+from gibench.techniques.registry import declared_counts
 
 
 def begin_record(
     arguments: Mapping[str, Any],
-    profiles: Sequence[DeviceProfile],
-    options: LoopOptions,
+    jobs: Sequence[Job],
+    plan: Plan,
+    axes: Sequence[Axis],
     cl_device: Any,
     roofs: Roofs,
     cold: ColdFacts | None = None,
 ) -> dict[str, Any]:
-    """What is known before the first configuration; ``cold`` where caches are emptied."""
+    """What is known before the first of ``jobs``, all of one shot and seed; ``cold`` where caches
+    are emptied.
+    """
+    first = jobs[0]
+    shot, flight = first.shot, first.shot.flight
+    profiles = {job.profile.name: job.profile for job in jobs}
     return {
         "schema_version": SCHEMA_VERSION,
         "finished": False,
         "interrupted": False,
         "started_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
         "arguments": dict(arguments),
-        "seed": options.seed,
-        "image": {"width": options.width, "height": options.height},
-        "plan": asdict(options.plan),
-        "motion": options.motion.record(),
-        "flight": {**asdict(options.flight), "path": Path(options.flight.path).name},
+        "seed": first.seed,
+        "axes": [axis.column for axis in axes],
+        "counts": list(declared_counts()),
+        "image": {"width": shot.width, "height": shot.height},
+        "plan": asdict(plan),
+        "motion": shot.motion.record(),
+        "flight": {**asdict(flight), "path": Path(flight.path).name},
         "cold": cold.record() if cold else None,
         "versions": versions(),
         "environment": environment(),
         "device": device_record(cl_device),
-        "profiles": [_profile(profile) for profile in profiles],
+        "profiles": [_profile(profile) for profile in profiles.values()],
         "roofs": _roofs(asdict(roofs), None),
         "scenes": [],
         "configurations": [],
@@ -64,7 +75,11 @@ def study_record(arguments: Mapping[str, Any], cl_device: Any) -> dict[str, Any]
 
 
 def finish_record(
-    record: Mapping[str, Any], outcome: Outcome, shared: Shared, roofs: Roofs | None
+    record: Mapping[str, Any],
+    outcome: Outcome,
+    axes: Sequence[Axis],
+    shared: Shared,
+    roofs: Roofs | None,
 ) -> dict[str, Any]:
     """The record with what came out; ``roofs`` as they are now, None if not measured again."""
     return {
@@ -75,7 +90,7 @@ def finish_record(
         "finished_utc": datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S"),
         "roofs": _roofs(record["roofs"]["start"], roofs),
         "scenes": _scenes(outcome, shared),
-        "configurations": [result.record() for result in outcome.results],
+        "configurations": [result.record(axes) for result in outcome.results],
     }
 
 
@@ -89,7 +104,7 @@ def _roofs(start: Mapping[str, Any], end: Roofs | None) -> dict[str, Any]:
 
 
 def _scenes(outcome: Outcome, shared: Shared) -> list[dict[str, Any]]:
-    asked = dict.fromkeys(result.configuration.scene for result in outcome.results)
+    asked = dict.fromkeys(result.job.scene for result in outcome.results)
     scenes = [(name, shared.scene(name)) for name in asked]
     return [
         {

@@ -1,11 +1,14 @@
-"""What became of a configuration: for the run record, from which every table is made."""
+"""What became of a job: for the run record, from which every table is made."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from gibench.measure.plan.configuration import Configuration
+from gibench.measure.runfolder.axes import Axis, axis_values, plain_settings
+from gibench.techniques.job import AUTO, Job
+from gibench.techniques.registry import declared_counts
 from gibench.techniques.technique import Work
 
 OK, SKIPPED, FAILED = "ok", "skipped", "failed"
@@ -26,10 +29,12 @@ class PassResult:
 
 
 @dataclass
-class ConfigurationResult:
-    """One configuration, run or not.
+class JobResult:
+    """One job, run or not: a configuration of the run's tables.
 
     Attributes:
+        number: of the configuration, counted from 1 in the order of the run.
+        job: what was asked.
         scene: the scene's own name.
         status: ``ok``, ``skipped`` (the profile or budget forbids it, or a pass of it) or
             ``failed`` (something went wrong).
@@ -42,10 +47,12 @@ class ConfigurationResult:
         stopped: why no further frame was measured.
         memory_bytes: the most that was allocated at once.
         notes: for the report.
+        base_size: work-group size, where ``auto`` was asked and another than the profile's found.
         sweep: the work-group sizes tried and chosen, where they were.
     """
 
-    configuration: Configuration
+    number: int
+    job: Job
     scene: str
     group: int = 1
     warmup: int = 0
@@ -59,6 +66,7 @@ class ConfigurationResult:
     memory_bytes: int = 0
     camera: str = ""
     notes: list[str] = field(default_factory=list)
+    base_size: int | None = None
     sweep: dict[str, Any] | None = None
     error: BaseException | None = field(default=None, repr=False)
 
@@ -71,24 +79,29 @@ class ConfigurationResult:
         if not self.passes:
             self.passes = [PassResult(WHOLE_FRAME, status=status, reason=reason)]
 
-    def keys(self, workgroup_size: int | None = None) -> dict[str, Any]:
+    def keys(self, axes: Sequence[Axis], workgroup_size: int | None = None) -> dict[str, Any]:
         """The columns that name it in every table; a pass may have a work-group size of its own."""
-        configuration = self.configuration
+        job = self.job
         return {
-            "technique": configuration.spec.name,
-            "variant": configuration.variant,
+            "technique": job.technique,
+            "variant": job.variant,
             "scene": self.scene,
-            "profile": configuration.profile.name,
-            "workgroup_size": workgroup_size or configuration.workgroup_size,
-            "sh_order": configuration.sh_order,
+            "profile": job.profile.name,
+            "workgroup_size": workgroup_size or self.group_size,
+            **axis_values(job, axes),
         }
 
-    def record(self) -> dict[str, Any]:
+    @property
+    def group_size(self) -> int:
+        """Work-items per group wherever a pass has none of its own."""
+        return self.base_size or self.job.group_size
+
+    def record(self, axes: Sequence[Axis]) -> dict[str, Any]:
         """As ``run.json`` has it."""
         return {
-            "configuration": self.configuration.number,
-            **self.keys(),
-            **{name: self.counts.get(name) for name in ("surfels", "probes", "receivers")},
+            "configuration": self.number,
+            **self.keys(axes),
+            **{name: self.counts.get(name) for name in (*declared_counts(), "receivers")},
             "counts": dict(self.counts),
             "receivers_asked": self.receivers_asked,
             "frames": self.frames,
@@ -97,12 +110,12 @@ class ConfigurationResult:
             "group": self.group,
             "camera": self.camera,
             "memory_bytes": self.memory_bytes,
-            "memory_budget_bytes": self.configuration.profile.memory_budget_bytes,
+            "memory_budget_bytes": self.job.profile.memory_budget_bytes,
             "status": self.status,
             "reason": self.reason,
             "notes": list(self.notes),
-            "settings": plain_settings(self.configuration.settings),
-            "auto_workgroup": self.configuration.auto_workgroup,
+            "settings": plain_settings(self.job.settings),
+            "auto_workgroup": self.job.workgroup_size == AUTO,
             "workgroup_sweep": self.sweep,
             "passes": [
                 {
@@ -111,17 +124,8 @@ class ConfigurationResult:
                     **asdict(p.work),
                     "status": p.status,
                     "reason": p.reason,
-                    "workgroup_size": p.workgroup_size or self.configuration.workgroup_size,
+                    "workgroup_size": p.workgroup_size or self.group_size,
                 }
                 for p in self.passes
             ],
         }
-
-
-def plain_settings(settings: Any) -> dict[str, Any]:
-    """A technique's settings as ``run.json`` has them."""
-    plain = (bool, int, float, str, type(None))
-    return {
-        name: value if isinstance(value, plain) else str(value)
-        for name, value in asdict(settings).items()
-    }

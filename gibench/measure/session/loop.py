@@ -6,27 +6,29 @@ import gc
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
-from gibench.measure.plan.configuration import Configuration
+from gibench.measure.plan.grid import job_label
+from gibench.measure.plan.stopping import Plan
+from gibench.measure.runfolder.axes import Axis
 from gibench.measure.runfolder.folder import RunFolder
-from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, ConfigurationResult, PassResult
+from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, JobResult, PassResult
 from gibench.measure.session.cold import CacheFlush
-from gibench.measure.session.enqueue import FrameTimes, PreparedPass, enqueue_frame, prepare_passes
+from gibench.measure.session.enqueue import FrameTimes, PreparedPass
 from gibench.measure.session.interrupts import Interrupts
-from gibench.measure.session.setup import LoopOptions, check_configuration, set_up
+from gibench.measure.session.session import Session, check_job, with_size
 from gibench.measure.session.shared import Shared
-from gibench.measure.session.tune import prepare_chosen, tune
+from gibench.measure.session.tune import tune
 from gibench.progress import progress
-from gibench.techniques.technique import Technique
+from gibench.techniques.job import AUTO, Job
+from gibench.techniques.registry import declared_counts
 
-TakeImages = Callable[[ConfigurationResult, dict[str, Any]], None]
+TakeImages = Callable[[JobResult, dict[str, Any]], None]
 
 BLOCK = 5
 """Frames a configuration runs before the next one's turn: caches are its own again after one."""
@@ -47,7 +49,7 @@ class Outcome:
         write_error: why samples could not be stored any more, which ended it early.
     """
 
-    results: list[ConfigurationResult]
+    results: list[JobResult]
     interrupted: bool = False
     samples: int = 0
     write_error: GibenchError | None = None
@@ -74,10 +76,8 @@ class Live:
         pictured: whether its images were taken.
     """
 
-    result: ConfigurationResult
-    device: Device
-    technique: Technique
-    prepared: Sequence[PreparedPass]
+    result: JobResult
+    session: Session
     warming_ms: list[float] = field(default_factory=list)
     walls_ms: list[float] = field(default_factory=list)
     rows: list[tuple[Any, ...]] = field(default_factory=list)
@@ -86,14 +86,16 @@ class Live:
     @property
     def runs(self) -> bool:
         """Whether it has any pass to run."""
-        return any(p.status == OK for p in self.prepared)
+        return any(p.status == OK for p in self.session.prepared)
 
 
 @dataclass
 class Loop:
     """What all configurations of a run have in common."""
 
-    options: LoopOptions
+    plan: Plan
+    fit: bool
+    axes: Sequence[Axis]
     shared: Shared
     cl_device: Any
     folder: RunFolder
@@ -104,16 +106,19 @@ class Loop:
     interrupts: Interrupts
 
 
-def run_configurations(
-    configurations: Sequence[Configuration],
-    options: LoopOptions,
+def run_jobs(
+    jobs: Sequence[Job],
+    plan: Plan,
     shared: Shared,
     cl_device: Any,
     folder: RunFolder,
+    *,
+    axes: Sequence[Axis] = (),
+    fit: bool = False,
     take_images: TakeImages | None = None,
     flush: CacheFlush | None = None,
 ) -> Outcome:
-    """Run every configuration; samples go to ``folder`` as they come.
+    """Run every job; samples go to ``folder`` as they come.
 
     As many as fit into memory are alive at once and take turns in blocks of frames, in an order
     drawn anew every round under the seed, so that a drift of the machine does not favour the last.
@@ -121,11 +126,13 @@ def run_configurations(
     the run; what was measured until then is kept.
 
     Args:
-        configurations: to run, those that share a bake next to each other.
-        options: how.
+        jobs: to run, those that share a bake next to each other.
+        plan: how many frames.
         shared: what is baked.
         cl_device: the OpenCL device.
         folder: where samples go.
+        axes: settings with a column of their own.
+        fit: lower the receivers until a job fits its profile.
         take_images: is given every finished configuration's images.
         flush: is called before every frame, where caches are to be cold.
 
@@ -133,20 +140,28 @@ def run_configurations(
         BadInput: a scene, its camera or settings for it are wrong; raised before any long work.
         GibenchError: not even the head of the samples can be written.
     """
-    names = {}
-    for configuration in configurations:
-        names[configuration.scene] = check_configuration(configuration, options, shared).name
+    names = {job.scene: check_job(job, shared).name for job in jobs}
     outcome = Outcome([])
-    folder.start_samples()
-    rng = np.random.default_rng(options.seed)
+    folder.start_samples([axis.column for axis in axes], tuple(declared_counts()))
+    rng = np.random.default_rng(jobs[0].seed if jobs else 0)
     with Interrupts() as interrupts:
         loop = Loop(
-            options, shared, cl_device, folder, outcome, take_images, flush, rng, interrupts
+            plan=plan,
+            fit=fit,
+            axes=axes,
+            shared=shared,
+            cl_device=cl_device,
+            folder=folder,
+            outcome=outcome,
+            take_images=take_images,
+            flush=flush,
+            rng=rng,
+            interrupts=interrupts,
         )
         alive: list[Live] = []
         group = 1
-        for configuration in configurations:
-            result = ConfigurationResult(configuration, names[configuration.scene], group=group)
+        for number, job in enumerate(jobs, 1):
+            result = JobResult(number, job, names[job.scene], group=group)
             outcome.results.append(result)
             outcome.interrupted |= interrupts.came()
             if outcome.ended:
@@ -173,19 +188,19 @@ def _full(alive: Sequence[Live], cl_device: Any) -> bool:
     import psutil
 
     there = min(int(psutil.virtual_memory().available), int(cl_device.global_mem_size))
-    taken = sum(live.device.memory.peak_bytes for live in alive)
+    taken = sum(live.session.memory_bytes for live in alive)
     return len(alive) >= MOST_ALIVE or taken > ALIVE_SHARE * there
 
 
 @contextmanager
-def _guarded(loop: Loop, result: ConfigurationResult) -> Iterator[None]:
+def _guarded(loop: Loop, result: JobResult) -> Iterator[None]:
     """Whatever goes wrong inside becomes the configuration's reason; the others go on."""
     try:
         with loop.interrupts.work():
             yield
     except KeyboardInterrupt:
         loop.outcome.interrupted = True
-        _mark_interrupted(result, loop.options)
+        _mark_interrupted(result, loop.plan)
     except CannotRun as error:
         result.refuse(SKIPPED, without_paths(str(error)), error)
     except GibenchError as error:
@@ -198,46 +213,51 @@ def _guarded(loop: Loop, result: ConfigurationResult) -> Iterator[None]:
         gc.collect()
 
 
-def _mark_interrupted(result: ConfigurationResult, options: LoopOptions) -> None:
-    asked = options.plan.frames
+def _mark_interrupted(result: JobResult, plan: Plan) -> None:
+    asked = plan.frames
     of = "" if asked is None else f" of {asked}"
     result.refuse(OK if result.frames else SKIPPED, f"interrupted after {result.frames}{of} frames")
 
 
-def _bring_up(loop: Loop, result: ConfigurationResult) -> Live:
-    sweep = None
-    if result.configuration.auto_workgroup:
-        sweep = tune(result, loop.options, loop.shared, loop.cl_device)
-        result.configuration = replace(result.configuration, workgroup_size=sweep.base)
-        result.sweep = sweep.record()
-    device, technique = set_up(result, loop.options, loop.shared, loop.cl_device)
-    if sweep is None:
-        prepared = prepare_passes(technique, result.configuration.workgroup_size)
-    else:
-        prepared = prepare_chosen(technique, sweep)
-        result.notes += sweep.notes()
+def _bring_up(loop: Loop, result: JobResult) -> Live:
+    job, sweep = result.job, None
+    if job.workgroup_size == AUTO:
+        sweep = tune(job, loop.shared, loop.cl_device, fit=loop.fit)
+        result.base_size, result.sweep = sweep.base, sweep.record()
+        job = with_size(job, sweep.base)
+    session = Session.open(job, loop.shared, loop.cl_device, fit=loop.fit)
+    result.receivers_asked = session.receivers_asked
+    result.camera = session.world.camera.name
+    result.reason = session.fitted
+    result.notes += session.notes
     chosen = sweep.chosen if sweep else {}
-    result.counts = dict(technique.counts())
+    session.prepare(chosen)
+    if sweep is not None:
+        result.notes += sweep.notes()
+    result.counts = session.counts()
     result.passes = [
         PassResult(
-            *(p.name, p.work, p.status, without_paths(p.problem or result.reason)),
+            name=p.name,
+            work=p.work,
+            status=p.status,
+            reason=without_paths(p.problem or result.reason),
             workgroup_size=chosen.get(p.name),
             stage=p.stage,
         )
-        for p in prepared
+        for p in session.prepared
     ]
-    result.memory_bytes = device.memory.peak_bytes
-    return Live(result, device, technique, prepared)
+    result.memory_bytes = session.memory_bytes
+    return Live(result, session)
 
 
 def _take_turns(loop: Loop, alive: list[Live]) -> None:
     """Warm up and measure the configurations of a group."""
     outcome = loop.outcome
-    title = alive[0].result.configuration.label(alive[0].result.scene) if alive else ""
+    title = job_label(alive[0].result.job, alive[0].result.scene) if alive else ""
     if len(alive) > 1:
         title = f"{len(alive)} configurations in turns"
     active = list(alive)
-    with progress(title, loop.options.plan.expected * len(active)) as advance:
+    with progress(title, loop.plan.expected * len(active)) as advance:
         while active and not outcome.ended:
             for turn in loop.rng.permutation(len(active)):
                 live, over = active[turn], True
@@ -254,11 +274,11 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
             active = [live for live in active if live is not None]
     for live in active:
         if outcome.interrupted and not live.result.reason:
-            _mark_interrupted(live.result, loop.options)
+            _mark_interrupted(live.result, loop.plan)
         elif outcome.write_error is not None:
             live.result.refuse(FAILED, str(outcome.write_error), outcome.write_error)
     for live in alive:
-        live.device.queue.finish()
+        live.session.close()
         if live.result.frames and live.result.status == OK:
             with _guarded(loop, live.result):
                 _count_work(live)
@@ -266,12 +286,10 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
 
 def _count_work(live: Live) -> None:
     """Replace what was declared ahead by what the last frame is found to have done."""
-    result = live.result
-    result.counts = dict(live.technique.counts())
-    for told, prepared in zip(result.passes, live.prepared, strict=True):
-        if prepared.counted is not None and prepared.status == OK:
-            size = told.workgroup_size or result.configuration.workgroup_size
-            told.work = prepared.counted(size)
+    live.result.counts = live.session.counts()
+    counted = live.session.counted()
+    for told in live.result.passes:
+        told.work = counted.get(told.name, told.work)
 
 
 def _let_go(alive: list[Live], outcome: Outcome) -> None:
@@ -285,13 +303,13 @@ def _let_go(alive: list[Live], outcome: Outcome) -> None:
 
 def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
     """Run one block of frames; whether the configuration is measured enough."""
-    plan, result = loop.options.plan, live.result
+    plan, result = loop.plan, live.result
     for _ in range(BLOCK):
         warm = plan.warm(live.warming_ms)
         if loop.flush is not None:
             loop.flush()
         frame = len(live.warming_ms) + len(live.walls_ms)
-        times = enqueue_frame(live.technique, live.prepared, frame)
+        times = live.session.frame(frame)
         advance(1)
         if frame == plan.image_frame:
             _take_images(loop, live)
@@ -300,7 +318,7 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
             result.warmup = len(live.warming_ms)
             continue
         live.walls_ms.append(times.wall_ms)
-        live.rows.extend(_rows(result, times, frame))
+        live.rows.extend(_rows(result, loop.axes, times, frame))
         result.frames += 1
         if why := plan.enough(live.walls_ms):
             result.stopped = why
@@ -308,15 +326,18 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
     return False
 
 
-def _rows(result: ConfigurationResult, times: FrameTimes, frame: int) -> list[tuple[Any, ...]]:
+def _rows(
+    result: JobResult, axes: Sequence[Axis], times: FrameTimes, frame: int
+) -> list[tuple[Any, ...]]:
     """One row per pass."""
-    counts = result.counts
     sizes = {p.name: p.workgroup_size for p in result.passes if p.workgroup_size}
-    tail = (counts.get("probes"), counts.get("receivers"), f"{times.wall_ms:.6f}")
+    counts = [result.counts.get(name) for name in (*declared_counts(), "receivers")]
+    tail = (*counts, f"{times.wall_ms:.6f}", result.number)
     return [
         (
-            *result.keys(sizes.get(name)).values(),
-            *(name, frame, f"{ms:.6f}", *tail, result.configuration.number),
+            *result.keys(axes, sizes.get(name)).values(),
+            *(name, frame, f"{ms:.6f}"),
+            *tail,
         )
         for name, ms in times.pass_ms.items()
     ]
@@ -335,23 +356,23 @@ def _store(loop: Loop, live: Live) -> None:
 
 def _finish(loop: Loop, live: Live) -> None:
     result = live.result
-    result.memory_bytes = live.device.memory.peak_bytes
-    if any(p.status != OK for p in live.prepared):
-        _tell_of_missing_passes(result, live.prepared)
+    result.memory_bytes = live.session.memory_bytes
+    if any(p.status != OK for p in live.session.prepared):
+        _tell_of_missing_passes(result, live.session.prepared)
         return
-    _check_output(live.technique)
+    live.session.irradiance()  # times of a frame that computes nonsense are worth nothing
     if not live.pictured:
         _take_images(loop, live)
 
 
 def _take_images(loop: Loop, live: Live) -> None:
     """Give away the images of the frame just run, where it is whole."""
-    if loop.take_images is not None and all(p.status == OK for p in live.prepared):
-        loop.take_images(live.result, live.technique.images())
+    if loop.take_images is not None and all(p.status == OK for p in live.session.prepared):
+        loop.take_images(live.result, live.session.images())
     live.pictured = True
 
 
-def _tell_of_missing_passes(result: ConfigurationResult, prepared: Sequence[PreparedPass]) -> None:
+def _tell_of_missing_passes(result: JobResult, prepared: Sequence[PreparedPass]) -> None:
     """A frame without all its passes is no frame: its time is left blank, with the reason."""
     missing = [p for p in prepared if p.status != OK]
     status = FAILED if any(p.status == FAILED for p in missing) else SKIPPED
@@ -363,17 +384,3 @@ def _tell_of_missing_passes(result: ConfigurationResult, prepared: Sequence[Prep
         reason = f"{result.reason}; {reason}"
     error = GibenchError(reason) if status == FAILED else CannotRun(reason)
     result.status, result.reason, result.error = status, reason, error
-
-
-def _check_output(technique: Technique) -> None:
-    """Times of a frame that computes nonsense are worth nothing.
-
-    Raises:
-        GibenchError: the indirect irradiance of some receiver is not finite.
-    """
-    irradiance = np.asarray(technique.indirect_irradiance())
-    broken = int((~np.isfinite(irradiance)).any(axis=-1).sum()) if irradiance.size else 0
-    if broken:
-        raise GibenchError(
-            f"the indirect irradiance of {broken:,} of {len(irradiance):,} receivers is not finite"
-        )

@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +22,15 @@ import numpy as np
 from gibench.device import Device
 from gibench.errors import CannotRun
 from gibench.measure.compare.kernel_trees import tree_hash
-from gibench.measure.plan.configuration import Configuration
 from gibench.measure.runfolder.folder import write_atomically
-from gibench.measure.runfolder.results import ConfigurationResult
-from gibench.measure.session.enqueue import (
-    PreparedPass,
-    enqueue_frame,
-    prepare_pass,
-    prepare_passes,
-)
-from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.session.session import Session, with_size
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.resources import data
+from gibench.techniques.job import Job
 from gibench.techniques.parts.shared_passes import frame_passes
-from gibench.techniques.technique import Pass, Technique
+from gibench.techniques.technique import Pass
 
 CLEAR = 0.03
 WARMUP, FRAMES = 4, 15
@@ -89,58 +82,54 @@ def candidate_sizes(profile: DeviceProfile) -> list[int]:
     return sorted(size for size in sizes if not profile.workgroup_size_problem(size))
 
 
-def tune(
-    result: ConfigurationResult, options: LoopOptions, shared: Shared, cl_device: Any
-) -> Sweep:
-    """The sizes of ``result``'s configuration: remembered, or measured and remembered.
+def tune(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False) -> Sweep:
+    """The sizes of ``job``'s passes: remembered, or measured and remembered.
 
     They are remembered per device, driver, profile, kernel sources, scene and settings.
 
     Raises:
         GibenchError: the technique cannot be set up at any size.
     """
-    path = _memory(result.configuration, options, shared, cl_device)
+    path = _memory(job, shared, cl_device)
     if sweep := _remembered(path):
         return sweep
-    sweep = measure_sweep(result, options, shared, cl_device)
+    sweep = measure_sweep(job, shared, cl_device, fit=fit)
     write_atomically(path, (json.dumps(sweep.record(), indent=1) + "\n").encode())
     return sweep
 
 
-def measure_sweep(
-    result: ConfigurationResult, options: LoopOptions, shared: Shared, cl_device: Any
-) -> Sweep:
+def measure_sweep(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False) -> Sweep:
     """Try every size (see the head of this module).
 
     Raises:
         GibenchError: the technique cannot be set up at any size.
     """
-    configuration = result.configuration
-    default = configuration.profile.default_workgroup_size
-    alive: dict[int, tuple[Technique, list[PreparedPass]]] = {}
+    default = job.profile.default_workgroup_size
+    alive: dict[int, Session] = {}
     refusal: CannotRun | None = None
     free: tuple[str, ...] = ()
-    for size in candidate_sizes(configuration.profile):
-        trial = ConfigurationResult(replace(configuration, workgroup_size=size), result.scene)
+    for size in candidate_sizes(job.profile):
         try:
-            _, technique = set_up(trial, options, shared, cl_device)
+            session = Session.open(with_size(job, size), shared, cl_device, fit=fit)
         except CannotRun as error:  # a size may need more memory than another
             refusal = error
             continue
-        alive[size] = technique, prepare_passes(technique, size)
+        session.prepare()
+        alive[size] = session
         free = tuple(
-            item.name for item in frame_passes(technique) if _is_free(technique.device, item)
+            item.name
+            for item in frame_passes(session.technique)
+            if _is_free(session.device, item)
         )
     if not alive:
         assert refusal is not None
         raise refusal
     times: dict[str, dict[int, list[float]]] = {}
-    rng = np.random.default_rng(options.seed)
+    rng = np.random.default_rng(job.seed)
     with progress("choosing work-group sizes", (WARMUP + FRAMES) * len(alive)) as advance:
         for frame in range(WARMUP + FRAMES):
             for size in rng.permutation(list(alive)):
-                technique, prepared = alive[int(size)]
-                measured = enqueue_frame(technique, prepared, frame).pass_ms
+                measured = alive[int(size)].frame(frame).pass_ms
                 advance(1)
                 for name, ms in measured.items():
                     if frame >= WARMUP:
@@ -175,14 +164,6 @@ def choose(
     return Sweep(base, chosen, {name: dict(times) for name, times in times_ms.items()}, free)
 
 
-def prepare_chosen(technique: Technique, sweep: Sweep) -> list[PreparedPass]:
-    """Every pass prepared at its chosen size."""
-    return [
-        prepare_pass(technique.device, item, sweep.chosen.get(item.name, sweep.base))
-        for item in frame_passes(technique)
-    ]
-
-
 def _best(times: Mapping[int, float], default: int) -> int:
     best = min(times, key=lambda size: times[size])
     if default in times and times[best] >= (1 - CLEAR) * times[default]:
@@ -205,24 +186,21 @@ def _is_free(device: Device, item: Pass) -> bool:
     )
 
 
-def _memory(
-    configuration: Configuration, options: LoopOptions, shared: Shared, cl_device: Any
-) -> Path:
-    root = options.kernel_root if options.kernel_root is not None else data("kernels_cl")
-    receivers = configuration.receivers or shared.scene(configuration.scene).receivers
+def _memory(job: Job, shared: Shared, cl_device: Any) -> Path:
+    scene = shared.scene(job.scene)
     key = {
         "version": _VERSION,
         "device": cl_device.name,
         "platform": cl_device.platform.version,
         "driver": cl_device.driver_version,
-        "profile": configuration.profile.content_hash,
-        "kernels": tree_hash(Path(str(root))),
-        "technique": [configuration.spec.name, configuration.variant, repr(configuration.settings)],
-        "scene": [shared.scene(configuration.scene).content_hash(), receivers],
-        "image": [options.width, options.height],
+        "profile": job.profile.content_hash,
+        "kernels": tree_hash(Path(str(data("kernels_cl")))),
+        "technique": [job.technique, job.variant, repr(job.settings)],
+        "scene": [scene.content_hash(), job.receivers or scene.receivers],
+        "image": [job.shot.width, job.shot.height],
     }
-    if options.motion.moves:
-        key["motion"] = repr(options.motion.motions(shared.scene(configuration.scene)))
+    if job.shot.motion.moves:
+        key["motion"] = repr(job.shot.motion.motions(scene))
     name = hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
     return shared.cache_dir / "workgroup-sizes" / f"{name}.json"
 

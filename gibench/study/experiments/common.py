@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,10 @@ import pandas as pd
 
 from gibench.errors import BadInput, CannotRun, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name, without_paths
-from gibench.measure.plan.configuration import Configuration, Request, grid
+from gibench.measure.plan.grid import grid
 from gibench.measure.runfolder.folder import RunFolder
-from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, ConfigurationResult
-from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.runfolder.results import FAILED, OK, SKIPPED
+from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
@@ -23,7 +22,8 @@ from gibench.progress import progress
 from gibench.study.frozen import FrozenShared
 from gibench.study.quality import QualityOptions
 from gibench.study.rows import Rows
-from gibench.study.settle import SettleOptions, refuse_missing
+from gibench.study.settle import SettleOptions
+from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
 
 STATUS = ("status", "reason")
@@ -65,10 +65,10 @@ class Context:
         """Settings of SRP's bake: the published number of rays, or few where it is to be quick."""
         return {"transport_rays": "64", "relight_samples": "128"} if self.quick else {}
 
-    def loop(self, own: tuple[int, int]) -> LoopOptions:
-        """Image, camera and seed; ``own`` is the experiment's image size, pixels."""
+    def shot(self, own: tuple[int, int]) -> Shot:
+        """Image and camera; ``own`` is the experiment's image size, pixels."""
         width, height = (96, 54) if self.quick else self.resolution or own
-        return LoopOptions(width=width, height=height, seed=self.seed)
+        return Shot(width, height)
 
     def scene_or(self, *own: str) -> tuple[str, ...]:
         """The user's scenes, or the experiment's own; one of these where it is to be quick."""
@@ -82,11 +82,10 @@ class Context:
         """Scenes with standing lights, for errors."""
         return FrozenShared(self.cache, self.seed)
 
-    def quality(self, own: tuple[int, int]) -> QualityOptions:
+    def quality(self) -> QualityOptions:
         """How results are compared with the truth."""
         target = max(self.target_error, 0.2) if self.quick else self.target_error
         return QualityOptions(
-            self.loop(own),
             SettleOptions(32 if self.quick else 512),
             target_error=target,
             reference_paths=self.reference_paths,
@@ -101,16 +100,17 @@ class Context:
         probes: int | None = None,
         receivers: int | None = None,
         **settings: str,
-    ) -> Configuration:
+    ) -> Job:
         """SRP with these settings."""
-        request = Request(
-            scenes=(scene,),
-            sh_orders=(sh_order,),
-            probes=() if probes is None else (probes,),
-            receivers=() if receivers is None else (receivers,),
-            settings={"srp": {**self.transport, **settings}},
+        return self.of(
+            "srp",
+            scene,
+            profile,
+            receivers,
+            sh_order=sh_order,
+            probes=probes,
+            **{**self.transport, **settings},
         )
-        return grid([profile], [find_technique("srp")], request)[0]
 
     def of(
         self,
@@ -118,19 +118,20 @@ class Context:
         scene: str,
         profile: DeviceProfile,
         receivers: int | None = None,
-        **settings: str,
-    ) -> Configuration:
-        """``technique`` with these settings, as typed on the command line."""
-        request = Request(
+        **settings: Any,
+    ) -> Job:
+        """``technique`` with these settings, typed or as on the command line."""
+        (job,) = grid(
+            [profile],
+            [find_technique(technique)],
             scenes=(scene,),
             receivers=() if receivers is None else (receivers,),
-            settings={technique: settings},
+            settings={technique: {name: (value,) for name, value in settings.items()}},
+            seed=self.seed,
         )
-        return grid([profile], [find_technique(technique)], request)[0]
+        return job
 
-    def direct(
-        self, scene: str, profile: DeviceProfile, receivers: int | None = None
-    ) -> Configuration:
+    def direct(self, scene: str, profile: DeviceProfile, receivers: int | None = None) -> Job:
         """Direct light only."""
         return self.of("direct", scene, profile, receivers)
 
@@ -273,29 +274,22 @@ def published_section(table: pd.DataFrame) -> str:
     )
 
 
-def timed(
-    context: Context, configuration: Configuration, shared: Shared, own: tuple[int, int]
-) -> dict[str, Any]:
-    """The frame times of ``configuration`` with lights moving as in a run, and its memory.
+def timed(context: Context, job: Job, shared: Shared, own: tuple[int, int]) -> dict[str, Any]:
+    """The frame times of ``job`` with lights moving as in a run, and its memory.
 
     Raises:
         CannotRun: the profile or budget forbids it.
         GibenchError: a pass failed.
     """
-    scene = shared.scene(configuration.scene)
-    result = ConfigurationResult(configuration, scene.name)
-    device, technique = set_up(result, context.loop(own), shared, context.cl_device)
-    try:
-        prepared = prepare_passes(technique, configuration.workgroup_size)
-        refuse_missing(prepared)
+    job = replace(job, shot=context.shot(own))
+    with Session.open(job, shared, context.cl_device) as session:
+        session.prepare(whole=True)
         warmup, count = (1, 3) if context.quick else (5, context.frames)
-        times = [enqueue_frame(technique, prepared, f).wall_ms for f in range(warmup + count)]
-    finally:
-        device.queue.finish()
-    summary = summarize(times[warmup:])
-    return {
-        "time_ms": summary.median_ms,
-        "p95_ms": summary.p95_ms,
-        "frames": summary.count,
-        "memory_bytes": device.memory.peak_bytes,
-    }
+        times = [session.frame(number).wall_ms for number in range(warmup + count)]
+        summary = summarize(times[warmup:])
+        return {
+            "time_ms": summary.median_ms,
+            "p95_ms": summary.p95_ms,
+            "frames": summary.count,
+            "memory_bytes": session.memory_bytes,
+        }

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from gibench.arrays import Doubles
-from gibench.measure.plan.configuration import Configuration
-from gibench.measure.plan.view import choose_camera
-from gibench.measure.runfolder.results import ConfigurationResult
-from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-from gibench.measure.session.setup import set_up
+from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
@@ -22,9 +18,9 @@ from gibench.reference.lights import luminance
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Point, markdown
 from gibench.study.rows import Rows
-from gibench.study.settle import refuse_missing
 from gibench.study.switched import LightSwitch, SwitchedShared
 from gibench.study.through_camera import view
+from gibench.techniques.job import Job
 
 _IMAGE = (640, 360)
 _COMPARED = (160, 90)  # pixels of the images that are compared; all after a switch are held at once
@@ -70,13 +66,13 @@ def _lengths(context: Context) -> _Lengths:
     return _Lengths(6, 16) if context.quick else _Lengths(4 * context.frames, 8 * context.frames)
 
 
-def _configuration(
+def _job(
     context: Context,
     scene: str,
     profile: DeviceProfile,
     technique: str,
     settings: Mapping[str, str],
-) -> Configuration:
+) -> Job:
     receivers = 500 if context.quick else _RECEIVERS
     if technique == "srp":
         settings = {"transport_rays": _TRANSPORT_RAYS, **context.transport, **settings}
@@ -94,15 +90,15 @@ def _points(context: Context) -> Iterator[Point]:
                 for technique, setting, settings in _SETTINGS:
                     values = (scene, switch, technique, setting, profile.name)
                     key = dict(zip(_KEYS, values, strict=True))
-                    configuration = _configuration(context, name, profile, technique, settings)
+                    job = _job(context, name, profile, technique, settings)
 
                     def measure(
                         key: Mapping[str, Any] = key,
-                        configuration: Configuration = configuration,
+                        job: Job = job,
                         shared: Shared = shared,
                     ) -> list[dict[str, Any]]:
                         if not samples.done(key):
-                            found = _run(context, configuration, shared, " ".join(key.values()))
+                            found = _run(context, job, shared, " ".join(key.values()))
                             samples.add([{**key, **row} for row in found])
                         table = samples.table()
                         mine = table[(table[list(key)] == pd.Series(dict(key))).all(axis=1)]
@@ -111,35 +107,29 @@ def _points(context: Context) -> Iterator[Point]:
                     yield Point(key, measure)
 
 
-def _run(
-    context: Context, configuration: Configuration, shared: Shared, title: str
-) -> list[dict[str, Any]]:
+def _run(context: Context, job: Job, shared: Shared, title: str) -> list[dict[str, Any]]:
     """Every frame after the switch: its time, and how far its image is from the settled one.
 
     Raises:
         CannotRun: the profile or budget forbids it.
         GibenchError: a pass failed.
     """
-    lengths, loop = _lengths(context), context.loop(_IMAGE)
-    scene = shared.scene(configuration.scene)
-    result = ConfigurationResult(configuration, scene.name)
-    device, technique = set_up(result, loop, shared, context.cl_device)
-    lightmap = shared.lightmap(configuration.scene, configuration.receivers or scene.receivers)
-    seen = view(scene, lightmap, choose_camera(scene, loop.camera), *_COMPARED)
+    lengths, job = _lengths(context), replace(job, shot=context.shot(_IMAGE))
     images, times = [], []
-    with progress(title, lengths.before + lengths.after) as advance:
-        try:
-            prepared = prepare_passes(technique, configuration.workgroup_size)
-            refuse_missing(prepared)
-            for frame in range(lengths.before + lengths.after):
-                wall_ms = enqueue_frame(technique, prepared, frame).wall_ms
-                if frame >= lengths.before:
-                    image = seen.of(technique.indirect_irradiance())
-                    images.append(image[seen.seen].astype(np.float32))
-                    times.append(wall_ms)
-                advance(1)
-        finally:
-            device.queue.finish()
+    with (
+        Session.open(job, shared, context.cl_device) as session,
+        progress(title, lengths.before + lengths.after) as advance,
+    ):
+        world = session.world
+        seen = view(world.scene, world.lightmap, world.camera, *_COMPARED)
+        session.prepare(whole=True)
+        for frame in range(lengths.before + lengths.after):
+            wall_ms = session.frame(frame).wall_ms
+            if frame >= lengths.before:
+                image = seen.of(session.technique.indirect_irradiance())
+                images.append(image[seen.seen].astype(np.float32))
+                times.append(wall_ms)
+            advance(1)
     distance, mean = distances(np.array(images))
     return [
         {
@@ -226,7 +216,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     path, (width, height) = context.folder.path, _COMPARED
     samples = pd.read_csv(path / "convergence-samples.csv")
-    image, lengths = context.loop(_IMAGE), _lengths(context)
+    image, lengths = context.shot(_IMAGE), _lengths(context)
     caption = f"Image {image.width} x {image.height}. Times of this machine."
     plot(path / "convergence", _axes(samples, against_time=False), caption)
     plot(path / "convergence-ms", _axes(samples, against_time=True), caption)

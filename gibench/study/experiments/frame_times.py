@@ -33,12 +33,12 @@ def _points(context: Context) -> Iterator[Point]:
         for kind, order in _KINDS.items():
             for profile in context.profiles:
                 if order is None:
-                    configuration = context.direct(name, profile, receivers)
+                    job = context.direct(name, profile, receivers)
                 else:
-                    configuration = context.srp(name, profile, sh_order=order, receivers=receivers)
+                    job = context.srp(name, profile, sh_order=order, receivers=receivers)
                 yield Point(
                     {"scene": scene, "kind": kind, "profile": profile.name},
-                    lambda c=configuration: [timed(context, c, shared, _IMAGE)],  # type: ignore[misc]
+                    lambda c=job: [timed(context, c, shared, _IMAGE)],  # type: ignore[misc]
                 )
 
 

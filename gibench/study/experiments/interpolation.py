@@ -22,7 +22,7 @@ _PROBES = (5, 109)  # of figure 8
 _KINDS = ("spatial", "visibility", "srp")
 
 
-def _configuration(context: Context, probes: int, kind: str) -> Any:
+def _job(context: Context, probes: int, kind: str) -> Any:
     scene = context.scene_or("cornell-box")[0]
     receivers = 1500 if context.quick else 10_000
     return context.srp(
@@ -42,11 +42,11 @@ def _points(context: Context) -> Iterator[Point]:
     shared = context.standing()
     for probes in _counts(context):
         for kind in _KINDS:
-            configuration = _configuration(context, probes, kind)
+            job = _job(context, probes, kind)
             label = _label(probes, kind)
             yield Point(
                 {"probes": probes, "interpolation": kind},
-                lambda c=configuration, name=label: compared(  # type: ignore[misc]
+                lambda c=job, name=label: compared(  # type: ignore[misc]
                     context, c, shared, _IMAGE, name
                 ),
             )
@@ -55,9 +55,7 @@ def _points(context: Context) -> Iterator[Point]:
 def _present(context: Context, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     whole = ok[ok["region"] == "whole"]
-    group = truth_of(
-        context, _configuration(context, _PROBES[0], "srp"), context.standing(), _IMAGE
-    )
+    group = truth_of(context, _job(context, _PROBES[0], "srp"), context.standing(), _IMAGE)
     parts = [
         "*spatial*: probes blended by distance alone, in the receiver's own direction (Bennett "
         "2019, eq. 4.3). *visibility*: that, from the probes the receiver sees. *srp*: reprojected "

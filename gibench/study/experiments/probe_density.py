@@ -21,6 +21,7 @@ from gibench.study.experiments.side_by_side import (
     result_panel,
     truth_of,
 )
+from gibench.techniques.registry import find_technique
 from gibench.techniques.srp.bake.operator_norm import operator_norm
 
 _IMAGE = (480, 270)
@@ -37,7 +38,7 @@ def _label(probes: int) -> str:
     return f"{probes} probes"
 
 
-def _configuration(context: Context, probes: int) -> Any:
+def _job(context: Context, probes: int) -> Any:
     scene = context.scene_or("cornell-box")[0]
     receivers = 500 if context.quick else 8000
     return context.srp(scene, context.profiles[0], probes=probes, receivers=receivers)
@@ -48,17 +49,16 @@ def _points(context: Context) -> Iterator[Point]:
     for probes in _counts(context):
 
         def measure(probes: int = probes) -> list[dict[str, Any]]:
-            configuration = _configuration(context, probes)
-            rows = compared(context, configuration, shared, _IMAGE, _label(probes))
+            job = _job(context, probes)
+            rows = compared(context, job, shared, _IMAGE, _label(probes))
             lightmap, bake = shared.baked(
-                *(configuration.spec, configuration.settings, configuration.scene),
-                configuration.receivers,
+                find_technique(job.technique), job.settings, job.scene, job.receivers
             )
             norms = operator_norm(
-                shared.scene(configuration.scene),
+                shared.scene(job.scene),
                 lightmap,
                 bake.probes,
-                replace(configuration.settings.bake_settings(), transport_rays=_NORM_RAYS),
+                replace(job.settings.bake_settings(), transport_rays=_NORM_RAYS),
                 directions=64 if context.quick else 1024,
                 seed=context.seed,
             )
@@ -91,7 +91,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         ],
         "Cornell Box, order 7.",
     )
-    group = truth_of(context, _configuration(context, _PROBES[0]), context.standing(), _IMAGE)
+    group = truth_of(context, _job(context, _PROBES[0]), context.standing(), _IMAGE)
     limits = (0.0, _NORM_LIMIT)
     maps: list[Picture | None] = [None]
     for probes in counts:

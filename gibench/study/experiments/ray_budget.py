@@ -9,15 +9,8 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from gibench.measure.plan.configuration import Configuration
-from gibench.measure.runfolder.results import ConfigurationResult
-from gibench.measure.session.enqueue import (
-    PreparedPass,
-    enqueue_frame,
-    prepare_pass,
-    prepare_passes,
-)
-from gibench.measure.session.setup import set_up
+from gibench.measure.session.enqueue import PreparedPass
+from gibench.measure.session.session import Session, refuse_missing
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
@@ -32,10 +25,10 @@ from gibench.study.experiments.common import (
     published_section,
 )
 from gibench.study.rows import Rows
-from gibench.study.settle import refuse_missing
 from gibench.techniques.camera_path import FLIGHT, FlightOptions
 from gibench.techniques.ddgi import Ddgi
 from gibench.techniques.gibs import Gibs
+from gibench.techniques.job import Job
 from gibench.techniques.parts.shared_passes import forward_render
 from gibench.techniques.technique import Technique
 
@@ -109,9 +102,7 @@ def _sizes(context: Context) -> _Sizes:
     return _Sizes(settle=4 * context.frames, flight=8 * context.frames, timed=context.frames)
 
 
-def _configuration(
-    context: Context, scene: str, profile: DeviceProfile, technique: str, budget: int
-) -> Configuration:
+def _job(context: Context, scene: str, profile: DeviceProfile, technique: str, budget: int) -> Job:
     sizes = _sizes(context)
     if technique == "ddgi":
         # Every ray is blended, as 25 a probe leave none to spare: nothing moves the probes.
@@ -145,13 +136,13 @@ def _points(context: Context) -> Iterator[Point]:
                 budget = rays * sizes.probes
                 for technique in ("ddgi", "gibs"):
                     key = dict(zip(_KEYS, (scene, technique, budget, profile.name), strict=True))
-                    configuration = _configuration(context, name, profile, technique, budget)
+                    job = _job(context, name, profile, technique, budget)
 
                     def measure(
-                        key: Mapping[str, Any] = key, configuration: Configuration = configuration
+                        key: Mapping[str, Any] = key, job: Job = job
                     ) -> list[dict[str, Any]]:
                         if not samples.done(key):
-                            found = _run(context, configuration, shared, key, writer)
+                            found = _run(context, job, shared, key, writer)
                             samples.add([{**key, **row} for row in found])
                         return rows_of(samples.table(), key)
 
@@ -160,7 +151,7 @@ def _points(context: Context) -> Iterator[Point]:
 
 def _run(
     context: Context,
-    configuration: Configuration,
+    job: Job,
     shared: Shared,
     key: Mapping[str, Any],
     writer: ImageWriter,
@@ -172,38 +163,35 @@ def _run(
         GibenchError: a pass failed.
     """
     sizes = _sizes(context)
-    loop = replace(context.loop(_IMAGE), flight=sizes.flown)
-    result = ConfigurationResult(configuration, str(key["scene"]))
-    device, technique = set_up(result, loop, shared, context.cl_device)
+    job = replace(job, shot=replace(context.shot(_IMAGE), flight=sizes.flown))
     samples: list[dict[str, Any]] = []
     frames = sizes.flown.frames + sizes.timed
     label = f"{key['technique']} {key['budget']}"
-    with progress(f"{label} rays a frame", frames) as advance:
-        try:
-            prepared = prepare_passes(technique, configuration.workgroup_size)
-            camera = _camera(technique, configuration.workgroup_size)
-            refuse_missing(prepared if camera is None else [*prepared, camera])
-            for frame in range(frames):
-                times = enqueue_frame(technique, prepared, frame)
-                when = _when(frame, sizes)
-                if when is not None:
-                    passes = {**times.pass_ms, _FRAME: times.wall_ms}
-                    if camera is not None:
-                        passes[_CAMERA] = _alone_ms(technique, camera)
-                    facts = {
-                        "when": when,
-                        "frame": frame,
-                        **_sizes_now(technique),
-                        "memory_bytes": device.memory.peak_bytes,
-                    }
-                    samples += [{**facts, "pass": n, "time_ms": ms} for n, ms in passes.items()]
-                    if when != _when(frame + 1, sizes):
-                        images = technique.images()
-                        shown = {title: images[title] for title in ("frame", "indirect only")}
-                        writer.write(str(key["scene"]), f"{label} {when}", shown)
-                advance(1)
-        finally:
-            device.queue.finish()
+    with (
+        Session.open(job, shared, context.cl_device) as session,
+        progress(f"{label} rays a frame", frames) as advance,
+    ):
+        session.prepare(whole=True)
+        camera = _camera(session)
+        for frame in range(frames):
+            times = session.frame(frame)
+            when = _when(frame, sizes)
+            if when is not None:
+                passes = {**times.pass_ms, _FRAME: times.wall_ms}
+                if camera is not None:
+                    passes[_CAMERA] = session.pass_ms(camera)
+                facts = {
+                    "when": when,
+                    "frame": frame,
+                    **_sizes_now(session.technique),
+                    "memory_bytes": session.memory_bytes,
+                }
+                samples += [{**facts, "pass": n, "time_ms": ms} for n, ms in passes.items()]
+                if when != _when(frame + 1, sizes):
+                    images = session.images()
+                    shown = {title: images[title] for title in ("frame", "indirect only")}
+                    writer.write(str(key["scene"]), f"{label} {when}", shown)
+            advance(1)
     return samples
 
 
@@ -214,17 +202,17 @@ def _when(frame: int, sizes: _Sizes) -> str | None:
     return MOVED if sizes.flown.frames <= frame < sizes.flown.frames + sizes.timed else None
 
 
-def _camera(technique: Technique, workgroup_size: int) -> PreparedPass | None:
-    """DDGI's application finds what the camera sees itself; that alone, to tell the two apart."""
-    if not isinstance(technique, Ddgi):
+def _camera(session: Session) -> PreparedPass | None:
+    """DDGI's application finds what the camera sees itself; that alone, to tell the two apart.
+
+    Raises:
+        CannotRun: the profile or device forbids it.
+    """
+    if not isinstance(session.technique, Ddgi):
         return None
-    return prepare_pass(technique.device, forward_render(technique.scene), workgroup_size)
-
-
-def _alone_ms(technique: Technique, item: PreparedPass) -> float:
-    events = [launch.enqueue(technique.device.queue) for launch in item.launches]
-    technique.device.queue.finish()
-    return float(sum(event.profile.end - event.profile.start for event in events) * 1e-6)
+    camera = session.prepared_pass(forward_render(session.technique.scene))
+    refuse_missing([camera])
+    return camera
 
 
 def _sizes_now(technique: Technique) -> dict[str, float]:
@@ -289,7 +277,7 @@ def theirs() -> pd.DataFrame:
 def _present(context: Context, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     sizes = _sizes(context)
-    width, height = context.loop(_IMAGE).width, context.loop(_IMAGE).height
+    width, height = context.shot(_IMAGE).width, context.shot(_IMAGE).height
     plot(
         context.folder.path / "ray-budget",
         [Axes(_heading(name), "thousand rays a frame at most", "median, ms", _series(ok, name))

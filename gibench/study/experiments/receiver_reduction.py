@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ def _scene(context: Context) -> str:
     return context.scene_or("cornell-box" if context.quick else "atrium")[0]
 
 
-def _configuration(context: Context, receivers: int) -> Any:
+def _job(context: Context, receivers: int) -> Any:
     probes = 12 if context.quick else _PROBES
     return context.srp(
         _scene(context), context.profiles[0], sh_order=_ORDER, probes=probes, receivers=receivers
@@ -53,13 +54,13 @@ def _configuration(context: Context, receivers: int) -> Any:
 
 def _truth(context: Context, shared: FrozenShared) -> Reference:
     """The camera's image of indirect irradiance: it knows of no receivers, so it suits them all."""
-    options = context.quality(_IMAGE)
+    options, shot = context.quality(), context.shot(_IMAGE)
     scene = shared.scene(_scene(context))
     return reference_image(
         scene,
         choose_camera(scene, None),
-        options.loop.width,
-        options.loop.height,
+        shot.width,
+        shot.height,
         indirect_only=True,
         irradiance=True,
         target_error=options.target_error,
@@ -73,19 +74,18 @@ def _points(context: Context) -> Iterator[Point]:
     for receivers in _counts(context):
 
         def measure(receivers: int = receivers) -> list[dict[str, Any]]:
-            configuration = _configuration(context, receivers)
-            times = timed(context, configuration, moving, _TIMED_IMAGE)
-            options = context.quality(_IMAGE)
+            job, shot = _job(context, receivers), context.shot(_IMAGE)
+            times = timed(context, job, moving, _TIMED_IMAGE)
             settled = settle(
-                configuration, options.settle, options.loop, standing, context.cl_device
+                replace(job, shot=shot), context.quality().settle, standing, context.cl_device
             )
-            scene = standing.scene(configuration.scene)
+            scene = standing.scene(job.scene)
             seen = view(
                 scene,
                 settled.lightmap,
                 choose_camera(scene, None),
-                options.loop.width,
-                options.loop.height,
+                shot.width,
+                shot.height,
             )
             image = seen.of(settled.irradiance)
             keep(context, f"image {receivers}", image)

@@ -39,7 +39,7 @@ _X = {
 }
 
 
-def _configuration(context: Context, profile: DeviceProfile, axis: str, value: int) -> Any:
+def _job(context: Context, profile: DeviceProfile, axis: str, value: int) -> Any:
     scene = context.scene_or("blue-orange-box")[0]
     base = 1000 if context.quick else _RECEIVERS
     chosen: dict[str, int] = {"sh_order": _ORDER, "probes": _PROBES, "receivers": base}
@@ -66,10 +66,10 @@ def _points(context: Context) -> Iterator[Point]:
     for axis, values in _values(context).items():
         for value in values:
             for profile in context.profiles:
-                configuration = _configuration(context, profile, axis, value)
+                job = _job(context, profile, axis, value)
                 yield Point(
                     {"axis": axis, "value": value, "profile": profile.name},
-                    lambda c=configuration: [timed(context, c, shared, _IMAGE)],  # type: ignore[misc]
+                    lambda c=job: [timed(context, c, shared, _IMAGE)],  # type: ignore[misc]
                 )
 
 

@@ -30,7 +30,7 @@ def _label(order: int) -> str:
     return f"order {order}"
 
 
-def _configuration(context: Context, order: int) -> Any:
+def _job(context: Context, order: int) -> Any:
     scene = context.scene_or("blue-orange-box")[0]
     receivers = 1500 if context.quick else None
     return context.srp(scene, context.profiles[0], sh_order=order, receivers=receivers)
@@ -42,13 +42,13 @@ def _points(context: Context) -> Iterator[Point]:
     for order in sorted(orders, reverse=True):  # the highest first: the others are held against it
 
         def measure(order: int = order) -> list[dict[str, Any]]:
-            configuration = _configuration(context, order)
-            rows = compared(context, configuration, shared, _IMAGE, _label(order))
+            job = _job(context, order)
+            rows = compared(context, job, shared, _IMAGE, _label(order))
             rows = [{**row, "against": "reference"} for row in rows]
             highest, mine = kept(context, _label(_HIGHEST)), kept(context, _label(order))
             if order == _HIGHEST or highest is None or mine is None:
                 return rows
-            group = truth_of(context, configuration, shared, _IMAGE)
+            group = truth_of(context, job, shared, _IMAGE)
             truth = Truth.of(
                 highest, np.zeros_like(highest), group.lightmap.receivers.area, group.truth.view
             )
@@ -79,7 +79,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             )
     plot(context.folder.path / "sh-order", axes, "Indirect irradiance through the camera.")
     shown = ["sh_order", "against", "region", *SHOWN]
-    group = truth_of(context, _configuration(context, _HIGHEST), context.standing(), _IMAGE)
+    group = truth_of(context, _job(context, _HIGHEST), context.standing(), _IMAGE)
     labels = [_label(order) for order in sorted(set(ok["sh_order"]))]
     return "\n\n".join(
         (

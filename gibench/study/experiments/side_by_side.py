@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gibench.arrays import Doubles
-from gibench.measure.plan.configuration import Configuration
 from gibench.measure.runfolder.folder import write_atomically
 from gibench.reference.lights import luminance
 from gibench.report.images import tone_map
@@ -20,6 +20,7 @@ from gibench.study.frozen import FrozenShared
 from gibench.study.pictures import SCALE
 from gibench.study.quality import Group, group_of, rows_of
 from gibench.study.settle import settle
+from gibench.techniques.job import Job
 
 COLUMNS = (
     "region",
@@ -40,7 +41,7 @@ SHOWN = tuple(FORMATS)
 
 def compared(
     context: Context,
-    configuration: Configuration,
+    job: Job,
     shared: FrozenShared,
     image: tuple[int, int],
     label: str,
@@ -50,9 +51,9 @@ def compared(
     Raises:
         GibenchError: it cannot run, or the disk refuses.
     """
-    options = context.quality(image)
-    group = group_of(configuration, options, shared)
-    settled = settle(configuration, options.settle, options.loop, shared, context.cl_device)
+    options, job = context.quality(), replace(job, shot=context.shot(image))
+    group = group_of(job, options, shared)
+    settled = settle(job, options.settle, shared, context.cl_device)
     keep(context, label, settled.irradiance)
     return [
         {name: row[name] for name in (*COLUMNS, "reason")}
@@ -60,11 +61,9 @@ def compared(
     ]
 
 
-def truth_of(
-    context: Context, configuration: Configuration, shared: FrozenShared, image: tuple[int, int]
-) -> Group:
-    """The receivers and the reference that ``configuration`` is compared with."""
-    return group_of(configuration, context.quality(image), shared)
+def truth_of(context: Context, job: Job, shared: FrozenShared, image: tuple[int, int]) -> Group:
+    """The receivers and the reference that ``job`` is compared with."""
+    return group_of(replace(job, shot=context.shot(image)), context.quality(), shared)
 
 
 def keep(context: Context, label: str, values: Doubles) -> None:

@@ -64,4 +64,5 @@ SPEC = TechniqueSpec(
     sweep=_sweep,
     check=_check,
     memory_options=("--probes", "--set ddgi.rays", "--resolution"),
+    counts={"probes": "probes"},
 )

@@ -36,4 +36,5 @@ SPEC = TechniqueSpec(
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=_sweep,
+    counts={"surfels": "surfel_capacity"},
 )

@@ -61,4 +61,5 @@ SPEC = TechniqueSpec(
     create=Srp,
     memory_floor=_memory_floor,
     sweep=_sweep,
+    counts={"probes": "probes"},
 )

@@ -36,6 +36,8 @@ class SrpBakeSettings:
             "per probe: sharper indirect light for more time and memory "
             "(Silvennoinen and Lehtinen 2017: 7)",
             "unit": "",
+            "axis": True,
+            "title": "SH order",
         },
     )
     probes: int | None = field(

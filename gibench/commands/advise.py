@@ -1,0 +1,139 @@
+"""``gibench advise``, and :func:`gibench.advise`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pandas as pd
+
+from gibench.commands import asked
+from gibench.device.device import select_cl_device
+from gibench.errors import BadInput, GibenchError, Interrupted
+from gibench.measure.machine.environment import cpu_name
+from gibench.measure.plan.grid import check_settings_names
+from gibench.measure.runfolder.axes import axes_of
+from gibench.measure.runfolder.folder import RunFolder, default_folder
+from gibench.measure.runfolder.record import study_record
+from gibench.report.advice import advice_report, plot_advice
+from gibench.report.tables import csv_text
+from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
+from gibench.study.frozen import FrozenShared
+from gibench.study.quality import QualityOptions, check_views, columns, compare
+from gibench.study.rows import Rows
+from gibench.study.settle import SettleOptions
+from gibench.techniques.registry import techniques
+
+
+@dataclass(frozen=True)
+class AdviceResult:
+    """What was tried, and what is advised.
+
+    Attributes:
+        folder: with everything that was written.
+        table: what was tried, best error first among what fits: ``advice.csv``.
+        profile: name of the profile.
+        error: what is not fine: nothing fits the budget, or it was interrupted.
+    """
+
+    folder: Path
+    table: pd.DataFrame = field(repr=False)
+    profile: str
+    error: GibenchError | None
+
+
+def advise(
+    device_profile: str = "iphone7",
+    budget_ms: float = 33.3,
+    scene: str = "cornell-box",
+    technique: asked.Texts = (),
+    variant: asked.Texts = ("tuned",),
+    sh_order: asked.Numbers = None,
+    probes: asked.Numbers = None,
+    receivers: asked.Numbers = None,
+    settings: asked.SettingsAsked = None,
+    light_frame: int = 0,
+    target_error: float = 0.05,
+    reference_paths: int | None = None,
+    frames: int = 256,
+    resolution: str | tuple[int, int] = "1334x750",
+    camera: str | int | None = None,
+    out: str | Path | None = None,
+    seed: int = 0,
+    device: int | None = None,
+    cache_dir: str | Path | None = None,
+) -> AdviceResult:
+    """Try techniques and settings on a scene, as ``gibench advise`` does; its help says what
+    everything is.
+
+    Raises:
+        BadInput: an input is wrong.
+        Interrupted: before anything was measured.
+        GibenchError: the folder cannot be written.
+    """
+    # The budget is no part of it: what is there is judged by another one without measuring again.
+    arguments = asked.recorded(locals(), "light_frame", "target_error", "reference_paths")
+    arguments["command"] = "advise"
+    if not (math.isfinite(budget_ms) and budget_ms > 0):
+        raise BadInput(f"--budget-ms {budget_ms:g} is no time", mend="give more than 0 ms")
+    shot = asked.shot_of(resolution, camera)
+    profile = asked.load_profiles([device_profile])[0]
+    specs = asked.find_techniques(asked.several(technique) or tuple(techniques()))
+    chosen = asked.read_settings(settings)
+    check_settings_names(specs, chosen)
+    by_option = asked.by_option(sh_order, probes)
+    cl_device = select_cl_device(device)
+    shared = FrozenShared(asked.cache_folder(cache_dir), seed, light_frame=light_frame)
+    own = shared.scene(scene).receivers
+    shares = tuple(max(1, round(own * share)) for share in RECEIVER_SHARES)
+    jobs = sweep(
+        profile,
+        specs,
+        scene,
+        shared.scene(scene),
+        asked.several(variant),
+        asked.several(receivers) or shares,
+        by_option,
+        chosen,
+        shot,
+        seed,
+    )
+    how = QualityOptions(
+        SettleOptions(frames),
+        target_error=target_error,
+        reference_paths=reference_paths,
+        flip=False,  # none of its tables shows it
+    )
+    check_views(jobs, how, shared)
+    path = Path(out) if out else Path("results", "advice", default_folder([profile.name]).name)
+    folder = RunFolder.create(path, arguments)
+    folder.write_record(study_record(arguments, cl_device))
+    axes = axes_of(jobs)
+    kept = Rows.at(folder.path / "settings.csv", ("number",), columns(axes))
+    outcome = compare(
+        jobs,
+        how,
+        shared,
+        cl_device,
+        axes,
+        keep=lambda number, rows: kept.add([{"number": number, **row} for row in rows]),
+        done={number for number in range(1, len(jobs) + 1) if kept.done({"number": number})},
+    )
+    rows = kept.table().fillna({"reason": ""}).drop(columns="number")
+    if rows.empty:
+        raise Interrupted("interrupted before anything was measured")
+    table = advice(rows, budget_ms)
+    warnings = shared.scene(scene).warnings
+    folder.write_text("advice.csv", csv_text(table))
+    text = advice_report(table, profile.name, budget_ms, cpu_name(), warnings)
+    folder.write_text("advice.md", text)
+    if (table["status"] == "ok").any():
+        plot_advice(folder.path / "pareto", table, budget_ms, cpu_name())
+    error: GibenchError | None = misfit(table, budget_ms)
+    if outcome.interrupted:
+        error = Interrupted(
+            f"interrupted; {len(table)} of {len(jobs)} settings were tried, see {folder.path}; the "
+            f"same command with --out {folder.path} goes on from there"
+        )
+    return AdviceResult(folder.path, table, profile.name, error)

@@ -1,0 +1,160 @@
+"""``gibench run``, and :func:`gibench.run`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.commands import asked
+from gibench.device.device import select_cl_device
+from gibench.errors import GibenchError, printable
+from gibench.measure.plan.grid import job_label
+from gibench.measure.plan.stopping import Plan
+from gibench.measure.run import Measured, verdict
+from gibench.measure.run import run as measure
+from gibench.measure.runfolder.folder import SAMPLES, RunFolder, default_folder
+from gibench.measure.runfolder.results import JobResult
+from gibench.measure.session.session import check_job
+from gibench.measure.session.shared import Shared
+from gibench.report.images import ImageWriter
+from gibench.report.markdown import report
+from gibench.report.roofline import write_roofline
+from gibench.report.tables import csv_text, frames_table, passes_table
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run left.
+
+    Attributes:
+        folder: with everything that was written.
+        record: the content of ``run.json``.
+        samples: one row per pass and frame.
+        passes: one row per pass and configuration.
+        frames: one row per configuration.
+        error: what is not fine: some configuration failed, all were refused, or the run was
+            interrupted. What was measured is in the tables all the same.
+        ran: configurations of which frames were measured.
+    """
+
+    folder: Path
+    record: dict[str, Any]
+    samples: pd.DataFrame = field(repr=False)
+    passes: pd.DataFrame = field(repr=False)
+    frames: pd.DataFrame = field(repr=False)
+    error: GibenchError | None
+    ran: int
+
+
+def run(
+    device_profile: asked.Texts = ("iphone7",),
+    scene: asked.Texts = ("cornell-box",),
+    technique: asked.Texts = ("srp", "direct"),
+    variant: asked.Texts = ("tuned",),
+    sh_order: asked.Numbers = None,
+    probes: asked.Numbers = None,
+    receivers: asked.Numbers = None,
+    workgroup_size: asked.Sizes = None,
+    settings: asked.SettingsAsked = None,
+    frames: int | None = None,
+    warmup: int | None = None,
+    cold: bool = False,
+    resolution: str | tuple[int, int] = "1334x750",
+    camera: str | int | None = None,
+    camera_path: str = "rest",
+    rest_frames: int = 60,
+    flight_frames: int = 240,
+    motion: str = "rest",
+    fit: bool = False,
+    save_images: bool = False,
+    out: str | Path | None = None,
+    seed: int = 0,
+    device: int | None = None,
+    cache_dir: str | Path | None = None,
+) -> RunResult:
+    """Run techniques frame by frame, as ``gibench run`` does; its help says what everything is.
+
+    All inputs are checked before any long work. A configuration that cannot run has its reason in
+    the tables and the others go on; what the command line would end with is in ``error``.
+
+    Raises:
+        BadInput: an input is wrong.
+        CannotRun: no work-group size asked suits any profile asked.
+        GibenchError: the folder cannot be written.
+    """
+    arguments = asked.recorded(locals(), "warmup", "cold", "fit", "save_images")
+    arguments["motion"] = printable(Path(motion).name)
+    shot = asked.shot_of(resolution, camera, camera_path, rest_frames, flight_frames, motion)
+    jobs = asked.jobs_of(
+        device_profile=device_profile,
+        scene=scene,
+        technique=technique,
+        variant=variant,
+        sh_order=sh_order,
+        probes=probes,
+        receivers=receivers,
+        workgroup_size=workgroup_size,
+        settings=settings,
+        shot=shot,
+        seed=seed,
+    )
+    cl_device = select_cl_device(device)
+    shared = Shared(asked.cache_folder(cache_dir), seed)
+    for job in jobs:
+        check_job(job, shared)
+    plan = Plan(frames=frames or shot.flight.frames or None, warmup=warmup)
+    profiles = list(dict.fromkeys(job.profile.name for job in jobs))
+    folder = RunFolder.create(Path(out) if out else default_folder(profiles), arguments)
+    measured = measure(
+        jobs,
+        plan,
+        shared,
+        cl_device,
+        folder,
+        arguments=arguments,
+        fit=fit,
+        cold=cold,
+        take_images=_ImageTaker(ImageWriter(folder.path / "images")) if save_images else None,
+        write=write_tables,
+    )
+    return _result(folder.path, measured)
+
+
+def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
+    """Write the tables and the report of a run from its stored samples.
+
+    Raises:
+        GibenchError: the disk refuses.
+    """
+    _, passes, frames = _tables(folder.path, record)
+    folder.write_text("passes.csv", csv_text(passes))
+    folder.write_text("frames.csv", csv_text(frames))
+    write_roofline(folder.path, passes, record)
+    folder.write_text("report.md", report(passes, frames, record))
+
+
+def _tables(
+    path: Path, record: Mapping[str, Any]
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    samples = pd.read_csv(path / SAMPLES)
+    return samples, passes_table(samples, record), frames_table(samples, record)
+
+
+def _result(path: Path, measured: Measured) -> RunResult:
+    outcome = measured.outcome
+    error = verdict(outcome, path)
+    ran = sum(result.frames > 0 for result in outcome.results)
+    return RunResult(path, measured.record, *_tables(path, measured.record), error, ran)
+
+
+@dataclass(frozen=True)
+class _ImageTaker:
+    writer: ImageWriter
+
+    def __call__(self, result: JobResult, images: dict[str, Any]) -> None:
+        label = f"{result.number:02d}-{job_label(result.job, result.scene)}"
+        self.writer.write(result.scene, label, images)
