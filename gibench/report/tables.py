@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from gibench.measure.plan.stopping import median_interval
-from gibench.measure.runfolder.axes import KEYS, recorded_axes, recorded_counts
+from gibench.measure.runfolder.axes import KEYS, recorded_axes, recorded_counts, steady_counts
 from gibench.measure.statistics.diagnostics import health
 from gibench.measure.statistics.summary import (
     NAN,
@@ -22,6 +22,7 @@ from gibench.measure.statistics.summary import (
     per_second,
     summarize,
 )
+from gibench.techniques.registry import declared_counts
 from gibench.techniques.technique import CAMERA, GEOMETRY, GI, Work
 
 _WHOLE = ("receivers", "workgroup_size", "configuration", "outliers", "bytes", "flops", "rays")
@@ -34,7 +35,7 @@ def pass_columns(record: Mapping[str, Any]) -> tuple[str, ...]:
         *KEYS,
         *recorded_axes(record),
         "pass",
-        *recorded_counts(record),
+        *steady_counts(record.get("counts", declared_counts())),
         *("receivers", "frames"),
         *("mean_ms", "median_ms", "stdev_ms", "p95_ms", "p99_ms", "min_ms", "max_ms"),
         *("bytes", "flops", "rays", "gb_per_s", "gflop_per_s", "mrays_per_s", "roofline_fraction"),

@@ -181,8 +181,9 @@ def axis_title(name: str) -> str:
 
 
 def declared_counts() -> dict[str, str]:
-    """All techniques' ``counts``."""
-    return {name: of for spec in techniques().values() for name, of in spec.counts.items()}
+    """All techniques' ``counts``, those in which chance has a part first."""
+    found = {name: of for spec in techniques().values() for name, of in spec.counts.items()}
+    return dict(sorted(found.items(), key=lambda item: item[0] == item[1]))
 
 
 def find_technique(name: str) -> TechniqueSpec:

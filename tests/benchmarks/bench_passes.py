@@ -14,17 +14,16 @@ from itertools import count
 from pathlib import Path
 
 from gibench.device.device import select_cl_device
-from gibench.measure.plan.configuration import Request, grid
-from gibench.measure.runfolder.results import ConfigurationResult
-from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.plan.grid import grid
+from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.profiles import load_profile
+from gibench.techniques.job import Shot
 from gibench.techniques.registry import techniques
 
 pytest_plugins = ["gibench.pytest_plugin"]
 
-SMALL = {"srp": {"transport_rays": "256", "relight_samples": "512"}}
+SMALL = {"srp": {"transport_rays": (256,), "relight_samples": (512,)}}
 RECEIVERS, FRAMES_BEFORE = 4000, 20
 
 
@@ -32,16 +31,20 @@ RECEIVERS, FRAMES_BEFORE = 4000, 20
 def ready(name: str, variant: str):
     """A technique some frames into its animation, and its prepared passes by name."""
     settings = {name: SMALL[name]} if name in SMALL else {}
-    asked = Request(receivers=(RECEIVERS,), variants=(variant,), settings=settings)
-    (configuration,) = grid([load_profile("iphone7")], [techniques()[name]], asked)
+    (job,) = grid(
+        [load_profile("iphone7")],
+        [techniques()[name]],
+        receivers=(RECEIVERS,),
+        variants=(variant,),
+        settings=settings,
+        shot=Shot(320, 180),
+    )
     shared = Shared(Path(tempfile.gettempdir()) / "gibench-bench-cache", 0)
-    result = ConfigurationResult(configuration, "cornell-box")
-    options = LoopOptions(width=320, height=180)
-    _, technique = set_up(result, options, shared, select_cl_device(None))
-    prepared = prepare_passes(technique, configuration.workgroup_size)
+    session = Session.open(job, shared, select_cl_device(None))
+    session.prepare()
     for frame in range(FRAMES_BEFORE):
-        enqueue_frame(technique, prepared, frame)
-    return technique, {item.name: item for item in prepared}
+        session.frame(frame)
+    return session.technique, {item.name: item for item in session.prepared}
 
 
 def pytest_generate_tests(metafunc):

@@ -33,8 +33,12 @@ import numpy as np
 from gibench.measure.compare.ab import AbOptions, bake_once, log_ratios
 from gibench.measure.compare.kernel_trees import kernel_tree
 from gibench.measure.compare.lockstep import time_pair
-from gibench.measure.compare.replicate import ReplicateSpec
+from gibench.measure.compare.replicate import Place
 from gibench.measure.machine.environment import device_record, environment, versions
+from gibench.measure.plan.grid import grid
+from gibench.profiles import load_profile
+from gibench.techniques.job import Job, Shot
+from gibench.techniques.registry import find_technique
 
 COLUMNS = (
     *("case", "pair", "row", "log_ratio", "old_ms", "new_ms"),
@@ -68,14 +72,14 @@ def slowed_tree(base: Path, folder: Path, turns: int) -> Path:
 
 
 def calibrate(
-    spec: ReplicateSpec, base: Path, folder: Path, aim: float, options: AbOptions
+    job: Job, place: Place, base: Path, folder: Path, aim: float, options: AbOptions
 ) -> tuple[int, float]:
     """Turns that make the slowed pass slower by ``aim``, and what they reached."""
     rng = np.random.default_rng(1)
     turns, each = FIRST_TURNS, []
     for _ in range(8):
         root = slowed_tree(base, folder, turns)
-        ratios = [one_pair(spec, base, root, options, rng)[1][SLOWED] for _ in range(7)]
+        ratios = [one_pair(job, place, base, root, options, rng)[1][SLOWED] for _ in range(7)]
         reached = float(np.expm1(np.median(ratios)))
         print(f"  {turns} turns: {SLOWED} {100 * reached:+.1f} %", flush=True)
         if abs(reached - aim) < 0.01:
@@ -88,11 +92,11 @@ def calibrate(
     raise SystemExit(f"cannot make {SLOWED} {100 * aim:.0f} % slower: the machine is busy")
 
 
-def one_pair(spec, old, new, options, rng):
+def one_pair(job, place, old, new, options, rng):
     """Times and log ratios of one pair, and the seconds it took."""
     begin = time.monotonic()
-    sides = (replace(spec, kernel_root=str(root)) for root in (old, new))
-    times = time_pair(*sides, frames=options.frames, warmup=options.warmup, rng=rng)
+    sides = (replace(place, kernel_root=str(root)) for root in (old, new))
+    times = time_pair(job, *sides, frames=options.frames, warmup=options.warmup, rng=rng)
     ratios = {name: values[0] for name, values in log_ratios([times]).items()}
     return times, ratios, time.monotonic() - begin
 
@@ -137,8 +141,14 @@ def main() -> None:
     given = arguments()
     options = AbOptions()
     given.cache_dir.mkdir(parents=True, exist_ok=True)
-    spec = ReplicateSpec(given.technique, "tuned", given.scene, "iphone7", str(given.cache_dir))
-    bake_once(spec)
+    place = Place(str(given.cache_dir))
+    (job,) = grid(
+        [load_profile("iphone7")],
+        [find_technique(given.technique)],
+        scenes=(given.scene,),
+        shot=Shot(320, 180),
+    )
+    bake_once(job, given.cache_dir)
     about_path = given.out.with_suffix(".json")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -152,7 +162,7 @@ def main() -> None:
                 raise SystemExit(f"{given.out} is of other kernels; record to another file")
             done = recorded(given.out)
         else:
-            about = begin(spec, base, folder, options, tree.content_hash)
+            about = begin(job, place, base, folder, options, tree.content_hash)
             about_path.write_text(json.dumps(about, indent=2) + "\n")
             given.out.write_text(",".join(COLUMNS) + "\n")
             done = dict.fromkeys(CASES, 0)
@@ -165,7 +175,7 @@ def main() -> None:
             for case in rng.permutation(list(CASES)):
                 if done[case] > pair:
                     continue
-                times, ratios, seconds = one_pair(spec, base, roots[case], options, rng)
+                times, ratios, seconds = one_pair(job, place, base, roots[case], options, rng)
                 with given.out.open("a", newline="") as file:
                     csv.writer(file, lineterminator="\n").writerows(
                         rows_of(case, pair, times, ratios, seconds)
@@ -174,13 +184,13 @@ def main() -> None:
                 print(f"{pair + 1} of {given.pairs} pairs of every case", flush=True)
 
 
-def begin(spec, base, folder, options, kernels) -> dict:
+def begin(job, place, base, folder, options, kernels) -> dict:
     """Calibrate; what the recording is of."""
     from gibench.device.device import list_devices
 
     about = {
         "kernels": kernels,
-        "spec": {k: v for k, v in vars(spec).items() if k != "cache_dir"},
+        "job": job.record(),
         "frames": options.frames,
         "warmup": options.warmup,
         "environment": environment(),
@@ -192,7 +202,7 @@ def begin(spec, base, folder, options, kernels) -> dict:
     for case, aim in CASES.items():
         if aim:
             print(f"calibrating {case}", flush=True)
-            turns, reached = calibrate(spec, base, folder, aim, options)
+            turns, reached = calibrate(job, place, base, folder, aim, options)
             about["turns"][case], about["reached"][case] = turns, reached
     return about
 

@@ -15,6 +15,9 @@ from gibench.errors import BadInput
 from gibench.measure.compare import ab as ab_module
 from gibench.measure.compare.kernel_trees import kernel_tree
 from gibench.measure.compare.lockstep import FRAME, PairTimes, SideFailed
+from gibench.profiles import load_profile
+from gibench.techniques.job import Job
+from gibench.techniques.registry import find_technique
 
 TREE = Path(__file__).parents[2] / "kernels_cl"
 SMALL = ("--technique", "direct", "--receivers", "200", "--resolution", "32x24")
@@ -33,7 +36,7 @@ def timed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
         pairs = []
         draws = np.random.default_rng(9)
 
-        def pair(old, new, *, frames, warmup, rng, keep):
+        def pair(job, old, new, *, frames, warmup, rng, keep):
             pairs.append(1)
             if keep is not None:
                 for name in ("OLD", "NEW"):
@@ -43,7 +46,7 @@ def timed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
             return PairTimes(base, {name: base[name] * scale[name] for name in base})
 
         monkeypatch.setattr(ab_module, "time_pair", pair)
-        monkeypatch.setattr(ab_module, "bake_once", lambda spec: None)
+        monkeypatch.setattr(ab_module, "bake_once", lambda job, cache: None)
         code = call(["ab", str(TREE), str(TREE), *SMALL, *arguments])
         return code, len(pairs)
 
@@ -120,10 +123,11 @@ def test_trees_are_folders_or_revisions(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_side_that_dies_is_named() -> None:
     from gibench.measure.compare.lockstep import replicates
-    from gibench.measure.compare.replicate import ReplicateSpec
+    from gibench.measure.compare.replicate import Place
 
-    bad = ReplicateSpec("nosuch", "tuned", "cornell-box", "iphone7", "/nowhere")
+    profile, settings = load_profile("iphone7"), find_technique("direct").settings({})
+    bad = Job("nosuch", settings, "tuned", "cornell-box", profile, 64)
     told_so = pytest.raises(SideFailed, match="NEW: no technique called 'nosuch'")
-    with told_so as failed, replicates(("NEW", bad)):
+    with told_so as failed, replicates(bad, ("NEW", Place("/nowhere"))):
         pass
     assert failed.value.exit_code == 2

@@ -18,14 +18,21 @@ from support import fake_technique
 from support.vector_widths import widths
 
 from gibench.bake.lightmap import cached_lightmap
+from gibench.commands.asked import by_option, read_settings
 from gibench.device import Device
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.measure.machine.environment import environment, versions, without_paths
 from gibench.measure.machine.roofs import measure_roofs
-from gibench.measure.plan.configuration import Request, grid, typed_value
 from gibench.measure.plan.fit import Demand, Footprint
+from gibench.measure.plan.grid import grid, typed_value
 from gibench.measure.plan.view import choose_camera, interior_camera
-from gibench.measure.runfolder.folder import RunFolder, default_folder, write_atomically
+from gibench.measure.runfolder.axes import TAKEN, axes_of, axis_values
+from gibench.measure.runfolder.folder import (
+    RunFolder,
+    default_folder,
+    sample_columns,
+    write_atomically,
+)
 from gibench.measure.statistics.summary import (
     Roofs,
     best_of,
@@ -35,7 +42,10 @@ from gibench.measure.statistics.summary import (
     summarize,
 )
 from gibench.profiles import load_profile
+from gibench.report.tables import frame_columns, pass_columns
 from gibench.scene.builtin import build
+from gibench.study.quality import columns
+from gibench.techniques.registry import declared_counts, find_technique
 from gibench.techniques.technique import Work
 
 IPHONE, RADEON = load_profile("iphone7"), load_profile("radeon560")
@@ -135,51 +145,86 @@ def test_the_roof_kernels_do_what_they_say(
     np.testing.assert_allclose(device.read(sums), expected, rtol=1e-5)
 
 
-def asked(**options: Any) -> Request:
-    return Request(**options)
-
-
 def test_the_grid_is_the_product_without_repeats() -> None:
     specs = [fake_technique.SPEC, fake_technique.PLAIN]
-    request = asked(
-        variants=("published", "tuned"), sh_orders=(1, 2, 1), probes=(5,), workgroup_sizes=(64, 128)
+    found = grid(
+        [IPHONE, RADEON],
+        specs,
+        variants=("published", "tuned"),
+        common={"sh_order": (1, 2, 1), "probes": (5,)},
+        workgroup_sizes=(64, 128),
     )
-    found = grid([IPHONE, RADEON], specs, request)
-    fakes = [c for c in found if c.spec.name == "fake"]
-    plain = [c for c in found if c.spec.name == "plain"]
+    fakes = [job for job in found if job.technique == "fake"]
+    plain = [job for job in found if job.technique == "plain"]
     assert len(fakes) == 2 * 2 * 2 * 2  # variants, orders, sizes, profiles
     assert len(plain) == 2 * 2  # sizes, profiles
-    assert [c.number for c in found] == list(range(1, len(found) + 1))
-    assert {c.sh_order for c in plain} == {None}
-    bakes = [(c.spec.name, repr(c.settings)) for c in found]
+    bakes = [(job.technique, repr(job.settings)) for job in found]
     changes = sum(a != b for a, b in itertools.pairwise(bakes))
     assert changes == len(set(bakes)) - 1  # those that share a bake are next to each other
 
 
 def test_the_grid_takes_each_profiles_own_size() -> None:
     wide = replace(RADEON, name="wide", default_workgroup_size=64)
-    found = grid([IPHONE, wide], [fake_technique.PLAIN], asked())
+    found = grid([IPHONE, wide], [fake_technique.PLAIN])
     assert [c.workgroup_size for c in found] == [IPHONE.default_workgroup_size, 64]
 
 
 @pytest.mark.parametrize(
     ("options", "error", "told"),
     (
-        ({"sh_orders": (9,)}, BadInput, "0 to 7"),
-        ({"sh_orders": (-1,)}, BadInput, "0 to 7"),
-        ({"probes": (0,)}, BadInput, "--probes"),
         ({"receivers": (0,)}, BadInput, "--receivers"),
         ({"variants": ("fast",)}, BadInput, "fast"),
         ({"workgroup_sizes": (0,)}, BadInput, "--workgroup-size"),
         ({"workgroup_sizes": (3000, 2048)}, BadInput, "2048 is over the 512 of profile iphone7"),
         ({"workgroup_sizes": (48,)}, CannotRun, "multiple"),
-        ({"settings": {"other": {"a": "1"}}}, BadInput, "other"),
+        ({"settings": {"other": {"a": ("1",)}}}, BadInput, "other"),
     ),
 )
 def test_the_grid_refuses(options: dict[str, Any], error: type[GibenchError], told: str) -> None:
     with pytest.raises(error) as refused:
-        grid([IPHONE], [fake_technique.SPEC], asked(**options))
+        grid([IPHONE], [fake_technique.SPEC], **options)
     assert told in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("sh_order", "probes", "told"),
+    ((9, None, "0 to 7"), ((2, -1), None, "0 to 7"), (2, 0, "--probes")),
+)
+def test_settings_with_an_option_of_their_own_are_refused(
+    sh_order: Any, probes: Any, told: str
+) -> None:
+    with pytest.raises(BadInput, match=told):
+        by_option(sh_order, probes)
+
+
+def test_any_setting_is_an_axis() -> None:
+    """Given twice it makes two jobs, and has a column: its own, or with its technique's name where
+    a table has a column of that name already.
+    """
+    texts = ["gibs.ray_budget=50000", "gibs.ray_budget=100000", "ddgi.rays=64", "ddgi.rays=128"]
+    specs = [find_technique("gibs"), find_technique("ddgi")]
+    jobs = grid([IPHONE], specs, settings=read_settings(texts))
+    axes = axes_of(jobs)
+    assert [axis_values(job, axes) for job in jobs] == [
+        {"sh_order": None, "ray_budget": 50000, "ddgi.rays": None},
+        {"sh_order": None, "ray_budget": 100000, "ddgi.rays": None},
+        {"sh_order": None, "ray_budget": None, "ddgi.rays": 64},
+        {"sh_order": None, "ray_budget": None, "ddgi.rays": 128},
+    ]
+    mapped = {"gibs.ray_budget": [50000, 100000], "ddgi.rays": (64, 128)}
+    assert grid([IPHONE], specs, settings=read_settings(mapped)) == jobs
+
+
+def test_no_axis_takes_the_place_of_a_column() -> None:
+    content: dict[str, Any] = {"axes": [], "counts": {}}
+    fixed = {*pass_columns(content), *frame_columns(content), *columns(()), *sample_columns((), ())}
+    assert not [name for name in fixed - TAKEN - set(declared_counts()) if not _is_figure(name)]
+
+
+def _is_figure(name: str) -> bool:
+    """Names that no setting will have: figures with a unit or of an error metric."""
+    ends = ("_ms", "_per_s", "_noise", "_fraction", "_covered", "_open", "_mse", "_l2")
+    return name.endswith(ends) or name.startswith("reference_")
 
 
 @pytest.mark.parametrize(
@@ -272,7 +317,7 @@ def test_the_folder_belongs_to_one_run(tmp_path: Path) -> None:
 
 def test_samples_are_on_the_disk_as_they_come(tmp_path: Path) -> None:
     folder = RunFolder.create(tmp_path / "run", {})
-    folder.start_samples()
+    folder.start_samples((), ())
     folder.append_samples([("a,b", 1)])
     folder.append_samples([("c", 2)])
     assert (tmp_path / "run" / "samples.csv").read_text().splitlines()[1:] == ['"a,b",1', "c,2"]

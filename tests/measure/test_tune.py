@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +12,13 @@ from support import fake_technique
 
 from gibench.cli.main import call
 from gibench.device.device import select_cl_device
-from gibench.measure.plan.configuration import Request, grid
-from gibench.measure.runfolder.results import ConfigurationResult
+from gibench.measure.plan.grid import grid
 from gibench.measure.session import tune
-from gibench.measure.session.enqueue import enqueue_frame
-from gibench.measure.session.setup import LoopOptions, set_up
+from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Roofs
 from gibench.profiles import built_in_profiles, load_profile
+from gibench.techniques.job import Shot
 from gibench.techniques.registry import find_technique
 
 
@@ -112,30 +110,29 @@ def test_sizes_are_whole_numbers_or_auto(run, bad: str, capsys) -> None:
 @pytest.mark.parametrize("name", ["direct", "srp"])
 def test_passes_at_sizes_of_their_own_compute_the_same(name: str, tmp_path: Path) -> None:
     spec = find_technique(name)
-    request = Request(receivers=(300,))
-    if name == "srp":
-        request = replace(
-            request,
-            sh_orders=(1,),
-            settings={"srp": {"transport_rays": "32", "relight_samples": "64"}},
-        )
-    profile = load_profile("iphone7")
-    (configuration,) = grid([profile], [spec], request)
-    options, shared = LoopOptions(width=48, height=32), Shared(tmp_path, 0)
+    settings = {"sh_order": (1,), "transport_rays": (32,), "relight_samples": (64,)}
+    (job,) = grid(
+        [load_profile("iphone7")],
+        [spec],
+        receivers=(300,),
+        settings={"srp": settings} if name == "srp" else {},
+        workgroup_sizes=(256,),
+        shot=Shot(48, 32),
+    )
+    shared = Shared(tmp_path, 0)
     outputs = []
     for own in (256, 32, 512):
-        result = ConfigurationResult(configuration, "cornell-box")
-        _, technique = set_up(result, options, shared, select_cl_device(None))
-        free = tuple(item.name for item in technique.passes() if tune._is_free(item))
-        assert "forward_render" in free
-        sweep = tune.Sweep(256, dict.fromkeys(free, own), {}, free)
-        prepared = tune.prepare_chosen(technique, sweep)
-        for frame in range(2):
-            enqueue_frame(technique, prepared, frame)
-        assert {p.name: p.launches[0].local for p in prepared if p.name in free} == dict.fromkeys(
-            free, own
+        session = Session.open(job, shared, select_cl_device(None))
+        free = tuple(
+            item.name for item in session.technique.passes() if tune._is_free(session.device, item)
         )
-        outputs.append((technique.images()["frame"], technique.indirect_irradiance()))
+        assert "forward_render" in free
+        session.prepare(dict.fromkeys(free, own))
+        for frame in range(2):
+            session.frame(frame)
+        sizes = {p.name: p.launches[0].local for p in session.prepared if p.name in free}
+        assert sizes == dict.fromkeys(free, own)
+        outputs.append((session.images()["frame"], session.technique.indirect_irradiance()))
     for image, irradiance in outputs[1:]:
         np.testing.assert_array_equal(image, outputs[0][0])
         np.testing.assert_array_equal(irradiance, outputs[0][1])

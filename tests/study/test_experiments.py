@@ -161,7 +161,7 @@ def test_experiments_are_listed_and_unknown_ones_refused(capsys):
 
 def test_paths_bound_an_experiments_reference(tmp_path, capsys):
     context = common.Context(None, (), tmp_path, None, target_error=0.01, reference_paths=24)
-    asked = context.quality((64, 36))
+    asked = context.quality()
     assert (asked.target_error, asked.reference_paths) == (0.01, 24)
     assert call(["experiment", "sh-order", "--reference-paths", "7"]) == 2
     assert "7 paths give no standard error" in capsys.readouterr().err

@@ -10,14 +10,15 @@ from support.tiny_scenes import quad_scene
 
 from gibench.cli.main import call
 from gibench.errors import BadInput
-from gibench.measure.plan.configuration import Request, grid
+from gibench.measure.plan.grid import grid
+from gibench.measure.runfolder.axes import Axis
 from gibench.profiles import load_profile
 from gibench.report.quality import error_text, open_text
 from gibench.scene.load import load_scene
 from gibench.scene.model import Camera, DirectionalLight, PointLight, Region, Scene
 from gibench.study.errors import Truth, errors, errors_among
 from gibench.study.frozen import frozen
-from gibench.study.quality import COLUMNS, result_names
+from gibench.study.quality import columns, result_names
 from gibench.study.receivers_file import read_reference, write_receivers
 from gibench.study.regions import read_regions
 from gibench.study.settle import SettleOptions, _Watch
@@ -221,13 +222,12 @@ def test_what_converges_settles_and_what_grows_does_not():
 
 
 def test_results_have_names_of_their_own():
-    request = Request(sh_orders=(2, 7), variants=("published", "tuned"))
     specs = [find_technique("srp"), find_technique("direct")]
-    configurations = grid([load_profile("iphone7")], specs, request)
-    names = result_names(configurations)
-    assert len(set(names.values())) == len(configurations) >= 5
-    alone = grid([load_profile("iphone7")], specs[:1], Request())
-    assert list(result_names(alone).values()) == ["srp"]
+    profiles, variants = [load_profile("iphone7")], ("published", "tuned")
+    jobs = grid(profiles, specs, variants=variants, common={"sh_order": (2, 7)})
+    names = result_names(jobs)
+    assert len(set(names)) == len(jobs) >= 5
+    assert result_names(grid(profiles, specs[:1])) == ["srp"]
 
 
 SRP = ("-t", "srp", "--set", "srp.transport_rays=64", "--set", "srp.relight_samples=64")
@@ -255,7 +255,7 @@ def test_quality_leaves_what_it_promises(run):
     table = pd.read_csv(out / "quality.csv")
     promised = ["technique", "scene", "settings", "bias", "rel_mse", "lab_l_mse", "flip"]
     assert list(table.columns[:9]) == [*promised, "time_ms", "memory_bytes"]
-    assert list(table.columns) == list(COLUMNS)
+    assert list(table.columns) == list(columns((Axis("sh_order", "sh_order"),)))
     assert list(table["region"]) == ["whole", "left"] * 2
     direct = table[table["technique"] == "direct"].iloc[0]
     assert direct["bias"] == pytest.approx(-1) and direct["rel_l2"] == pytest.approx(1, rel=1e-3)

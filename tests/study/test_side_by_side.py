@@ -231,7 +231,7 @@ def test_a_run_counts_surfels_and_their_work_as_they_are_at_its_end(tmp_path):
     assert frame["surfels"] - 12 <= rays <= frame["surfels"] * (1 + lights)
     record = json.loads((tmp_path / "run" / "run.json").read_text())
     assert record["flight"] == {"path": "flight", "rest_frames": 2, "flight_frames": 5}
-    assert configuration_label(record["configurations"][0]).count("500 surfels") == 1
+    assert configuration_label(record["configurations"][0], record).count("500 surfels") == 1
     assert (
         "The camera flew: 2 frames at rest, 5 along" in (tmp_path / "run" / "report.md").read_text()
     )

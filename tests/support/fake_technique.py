@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,7 +21,7 @@ FLOATS = 4096
 
 @dataclass(frozen=True)
 class FakeSettings:
-    sh_order: int = 1
+    sh_order: int = field(default=1, metadata={"axis": True, "title": "SH order"})
     probes: int | None = None
     bytes_per_receiver: int = 16
     floor_per_receiver: int = 0
@@ -129,6 +129,7 @@ SPEC = TechniqueSpec(
     stages=stages,
     create=Fake,
     memory_floor=floor,
+    counts={"probes": "probes"},
 )
 
 

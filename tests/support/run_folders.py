@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.measure.runfolder.folder import SAMPLE_COLUMNS
+from gibench.measure.runfolder.folder import sample_columns
 from gibench.measure.statistics.summary import Roofs
 
 ROOFS = Roofs(20.0, 15.0, 200.0, 2.0, 10.0)
@@ -81,7 +81,7 @@ def write_run(
 ) -> Path:
     """Write a run whose samples are ``times`` (ms, by configuration and pass, in frame order)."""
     folder.mkdir(parents=True, exist_ok=True)
-    lines = [",".join(SAMPLE_COLUMNS)]
+    lines = [",".join(sample_columns(("sh_order",), ("probes",)))]
     for one in content["configurations"]:
         passes = times.get(one["configuration"], {})
         if not passes:

@@ -2,9 +2,12 @@
 
 import json
 import pickle
+import re
+from pathlib import Path
 
 import pytest
 
+import gibench
 from gibench.profiles import load_profile
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import AUTO, Job, Shot
@@ -44,3 +47,15 @@ def test_auto_is_a_value_of_the_job_and_begins_at_the_profile_s_size():
     first, second = jobs("direct", "tuned")
     assert first.group_size == first.workgroup_size == 64
     assert second.group_size == second.profile.default_workgroup_size
+
+
+def test_one_job_and_no_other_form_of_it():
+    gone = ("Request", "ReplicateSpec", "LoopOptions", "CreateContext")
+    package = Path(gibench.__file__).parent
+    found = {
+        (file.name, name)
+        for file in package.rglob("*.py")
+        for name in gone
+        if re.search(rf"\b{name}\b", file.read_text(encoding="utf-8"))
+    }
+    assert not found

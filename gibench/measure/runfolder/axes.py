@@ -82,6 +82,11 @@ def recorded_counts(record: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(record.get("counts", declared_counts()))
 
 
+def steady_counts(counts: Mapping[str, str]) -> tuple[str, ...]:
+    """Those in which chance has no part: they are the same in every frame of a configuration."""
+    return tuple(name for name, of in counts.items() if name == of)
+
+
 def plain_settings(settings: Any) -> dict[str, Any]:
     """A technique's settings as tables and ``run.json`` have them."""
     plain = (bool, int, float, str, type(None))

@@ -46,7 +46,7 @@ def begin_record(
         "arguments": dict(arguments),
         "seed": first.seed,
         "axes": [axis.column for axis in axes],
-        "counts": list(declared_counts()),
+        "counts": declared_counts(),
         "image": {"width": shot.width, "height": shot.height},
         "plan": asdict(plan),
         "motion": shot.motion.record(),

@@ -15,7 +15,7 @@ from gibench.errors import CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
 from gibench.measure.plan.grid import job_label
 from gibench.measure.plan.stopping import Plan
-from gibench.measure.runfolder.axes import Axis
+from gibench.measure.runfolder.axes import Axis, steady_counts
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, JobResult, PassResult
 from gibench.measure.session.cold import CacheFlush
@@ -142,7 +142,7 @@ def run_jobs(
     """
     names = {job.scene: check_job(job, shared).name for job in jobs}
     outcome = Outcome([])
-    folder.start_samples([axis.column for axis in axes], tuple(declared_counts()))
+    folder.start_samples([axis.column for axis in axes], steady_counts(declared_counts()))
     rng = np.random.default_rng(jobs[0].seed if jobs else 0)
     with Interrupts() as interrupts:
         loop = Loop(
@@ -331,7 +331,7 @@ def _rows(
 ) -> list[tuple[Any, ...]]:
     """One row per pass."""
     sizes = {p.name: p.workgroup_size for p in result.passes if p.workgroup_size}
-    counts = [result.counts.get(name) for name in (*declared_counts(), "receivers")]
+    counts = [result.counts.get(name) for name in (*steady_counts(declared_counts()), "receivers")]
     tail = (*counts, f"{times.wall_ms:.6f}", result.number)
     return [
         (

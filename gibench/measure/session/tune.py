@@ -117,9 +117,7 @@ def measure_sweep(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False
         session.prepare()
         alive[size] = session
         free = tuple(
-            item.name
-            for item in frame_passes(session.technique)
-            if _is_free(session.device, item)
+            item.name for item in frame_passes(session.technique) if _is_free(session.device, item)
         )
     if not alive:
         assert refusal is not None
