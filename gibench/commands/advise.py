@@ -24,6 +24,7 @@ from gibench.study.quality import QualityOptions, check_views, columns, compare
 from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
 from gibench.techniques.registry import techniques
+from gibench.work import Executor
 
 
 @dataclass(frozen=True)
@@ -63,9 +64,12 @@ def advise(
     seed: int = 0,
     device: int | None = None,
     cache_dir: str | Path | None = None,
+    executor: Executor | None = None,
 ) -> AdviceResult:
     """Try techniques and settings on a scene, as ``gibench advise`` does; its help says what
     everything is.
+
+    ``executor`` computes what is baked (:mod:`gibench.work.executors`); results do not depend on it.
 
     Raises:
         BadInput: an input is wrong.
@@ -84,7 +88,7 @@ def advise(
     check_settings_names(specs, chosen)
     by_option = asked.by_option(sh_order, probes)
     cl_device = select_cl_device(device)
-    shared = FrozenShared(asked.cache_folder(cache_dir), seed, light_frame=light_frame)
+    shared = FrozenShared(asked.cache_folder(cache_dir), seed, executor, light_frame=light_frame)
     own = shared.scene(scene).receivers
     shares = tuple(max(1, round(own * share)) for share in RECEIVER_SHARES)
     jobs = sweep(

@@ -24,6 +24,7 @@ from gibench.study.pictures import write_pictures
 from gibench.study.quality import Group, Outcome, QualityOptions, check_views, columns, compare
 from gibench.study.receivers_file import NAME, write_receivers
 from gibench.study.settle import SettleOptions
+from gibench.work import Executor
 
 
 @dataclass(frozen=True)
@@ -89,12 +90,15 @@ def quality(
     seed: int = 0,
     device: int | None = None,
     cache_dir: str | Path | None = None,
+    executor: Executor | None = None,
 ) -> QualityResult:
     """Compare techniques with the path-traced truth, as ``gibench quality`` does; its help says
     what everything is.
 
     A configuration that cannot run has its reason in the table and the others go on; what the
     command line would end with is in ``error``.
+
+    ``executor`` computes what is baked (:mod:`gibench.work.executors`); results do not depend on it.
 
     Raises:
         BadInput: an input is wrong.
@@ -128,7 +132,7 @@ def quality(
             mend="give more, for light to settle after it",
         )
     cl_device = select_cl_device(device)
-    shared = FrozenShared(asked.cache_folder(cache_dir), seed, light_frame=light_frame)
+    shared = FrozenShared(asked.cache_folder(cache_dir), seed, executor, light_frame=light_frame)
     several = len({(job.scene, job.receivers) for job in jobs}) > 1
     if reference is not None and several:
         raise BadInput(

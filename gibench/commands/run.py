@@ -24,6 +24,7 @@ from gibench.report.images import ImageWriter
 from gibench.report.markdown import report
 from gibench.report.roofline import write_roofline
 from gibench.report.tables import csv_text, frames_table, passes_table
+from gibench.work import Executor
 
 
 @dataclass(frozen=True)
@@ -75,11 +76,14 @@ def run(
     seed: int = 0,
     device: int | None = None,
     cache_dir: str | Path | None = None,
+    executor: Executor | None = None,
 ) -> RunResult:
     """Run techniques frame by frame, as ``gibench run`` does; its help says what everything is.
 
     All inputs are checked before any long work. A configuration that cannot run has its reason in
     the tables and the others go on; what the command line would end with is in ``error``.
+
+    ``executor`` computes what is baked (:mod:`gibench.work.executors`); results do not depend on it.
 
     Raises:
         BadInput: an input is wrong.
@@ -103,7 +107,7 @@ def run(
         seed=seed,
     )
     cl_device = select_cl_device(device)
-    shared = Shared(asked.cache_folder(cache_dir), seed)
+    shared = Shared(asked.cache_folder(cache_dir), seed, executor)
     for job in jobs:
         check_job(job, shared)
     plan = Plan(frames=frames or shot.flight.frames or None, warmup=warmup)
