@@ -69,7 +69,7 @@ def advise(
     """Try techniques and settings on a scene, as ``gibench advise`` does; its help says what
     everything is.
 
-    ``executor`` computes what is baked (:mod:`gibench.work.executors`); results do not depend on it.
+    ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
 
     Raises:
         BadInput: an input is wrong.

@@ -98,7 +98,7 @@ def quality(
     A configuration that cannot run has its reason in the table and the others go on; what the
     command line would end with is in ``error``.
 
-    ``executor`` computes what is baked (:mod:`gibench.work.executors`); results do not depend on it.
+    ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
 
     Raises:
         BadInput: an input is wrong.
