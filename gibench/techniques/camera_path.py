@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from gibench.arrays import Vec3
 from gibench.errors import BadInput
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.look_around import FLIGHT_FOV, keyframes
@@ -53,6 +54,13 @@ class CameraPath:
                 f"a camera path that looks at where it is in its point {blind[0] + 1}",
                 mend="move the target away from the position",
             )
+
+    def seen_from(self, origin: Vec3) -> CameraPath:
+        """The path in a space whose origin is at ``origin`` in the path's own."""
+        if not any(origin):
+            return self
+        shift = np.asarray(origin)
+        return replace(self, positions=self.positions - shift, targets=self.targets - shift)
 
     def at(self, share: float, camera: Camera) -> Camera:
         """``camera`` moved to ``share`` in [0, 1] of the path."""
@@ -173,6 +181,8 @@ class FlightOptions:
         """
         if self.path == REST:
             return None
-        built_in = self.path == FLIGHT
-        path = built_in_flight(scene, camera) if built_in else load_camera_path(Path(self.path))
+        if self.path == FLIGHT:
+            path = built_in_flight(scene, camera)
+        else:
+            path = load_camera_path(Path(self.path)).seen_from(scene.origin)
         return Flight(path, self.rest_frames, self.flight_frames)

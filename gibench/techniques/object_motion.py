@@ -13,6 +13,7 @@ from gibench.scene.model import Scene
 from gibench.scene.motion.file import load_motions, motions_hash
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Motion
+from gibench.scene.readers.recentre import motions_from_file
 
 REST: Final = "rest"
 SCENE: Final = "scene"
@@ -42,7 +43,7 @@ class MotionOptions:
         if not self.moves:
             return ()
         if self.path != SCENE:
-            return load_motions(Path(self.path))
+            return motions_from_file(load_motions(Path(self.path)), scene)
         if not scene.motions:
             raise BadInput(
                 f"scene '{scene.name}' describes no motion",

@@ -25,7 +25,7 @@ from gibench.measure.machine.environment import environment, versions, without_p
 from gibench.measure.machine.roofs import measure_roofs
 from gibench.measure.plan.fit import Demand, Footprint
 from gibench.measure.plan.grid import grid, typed_value
-from gibench.measure.plan.view import choose_camera, interior_camera
+from gibench.measure.plan.view import choose_camera
 from gibench.measure.runfolder.axes import TAKEN, axes_of, axis_values
 from gibench.measure.runfolder.folder import (
     RunFolder,
@@ -44,6 +44,7 @@ from gibench.measure.statistics.summary import (
 from gibench.profiles import load_profile
 from gibench.report.tables import frame_columns, pass_columns
 from gibench.scene.builtin import build
+from gibench.scene.viewpoint import suggested_camera
 from gibench.study.quality import columns
 from gibench.techniques.registry import declared_counts, find_technique
 from gibench.techniques.technique import Work
@@ -293,9 +294,9 @@ def test_a_camera_by_number_or_name() -> None:
 
 
 def test_a_scene_without_cameras_is_seen_from_within() -> None:
-    scene = replace(build("cornell-box"), cameras=())
+    scene = replace(build("hall"), cameras=())
     camera = choose_camera(scene, None)
-    assert camera == interior_camera(scene)
+    assert camera == suggested_camera(scene)
     low, high = scene.bounds
     assert (np.array(camera.position) > low).all()
     assert (np.array(camera.position) < high).all()

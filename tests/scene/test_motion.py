@@ -327,3 +327,19 @@ def test_runs_with_different_motions_are_not_compared():
     filed = {"motion": {"path": "a.toml", "motions_hash": "c"}, "scenes": scenes}
     told = [_motion(record) for record in (described, changed, filed)]
     assert None not in told and told[0] != told[1] != told[2] != told[0]
+
+
+def test_pivots_of_a_far_scene_come_with_it(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("o sheet\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    poses = {}
+    for far in (0, 2_000_000):
+        (tmp_path / "a.toml").write_text(
+            f'schema_version = 1\n[[mesh]]\nfile = "a.obj"\ntranslate = [{far}, 0, 0]\n'
+            f'[[motion]]\nobject = "sheet"\naxis = [0, 1, 0]\nthrough = [{far + 2}, 0, 0]\n'
+            f"period_frames = 8\n[probes]\npositions = [[{far + 0.25}, 0.5, 1]]\n"
+        )
+        scene = load_scene(str(tmp_path / "a.toml"))
+        assert scene.origin == (far, 0, 0)
+        assert scene.probes.positions.tolist() == [[0.25, 0.5, 1]]
+        poses[far] = MovingObjects.of(scene, scene.motions).transforms_in(3)
+    np.testing.assert_array_equal(poses[0], poses[2_000_000])

@@ -1,5 +1,6 @@
 """The camera's flight: its keyframes, its file, and that every technique sees the same one."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -194,3 +195,15 @@ def test_it_is_one_option_for_all_techniques(tmp_path, capsys):
     told = capsys.readouterr().err
     assert told.count("\n") == 1 and "a camera path with 1 point(s)" in told
     assert "give at least two positions" in told and not (tmp_path / "out").exists()
+
+
+def test_a_path_s_file_is_in_the_space_of_a_far_scene_s_file(tmp_path: Path) -> None:
+    path = tmp_path / "path.toml"
+    path.write_text(
+        "positions = [[1e6, 1, 2], [1000001, 1, 2]]\ntargets = [[1e6, 1, 0], [1e6, 2, 0]]\n"
+    )
+    scene = replace(load_scene("cornell-box"), origin=(1e6, 0.0, 0.0))
+    flight = FlightOptions(str(path)).of(scene, scene.cameras[0])
+    assert flight is not None
+    assert flight.path.positions.tolist() == [[0, 1, 2], [1, 1, 2]]
+    assert flight.path.targets.tolist() == [[0, 1, 0], [0, 2, 0]]

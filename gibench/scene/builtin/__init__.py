@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 from gibench.errors import BadInput
 from gibench.scene.builtin import atrium, box_room, hall, two_rooms
-from gibench.scene.builtin.pieces import Part
+from gibench.scene.builtin.pieces import Piece
 from gibench.scene.builtin.settings import Settings, assemble, read_settings
 from gibench.scene.model import Scene
 
 # Scene name -> function that makes its geometry from its settings.
-_MAKERS: dict[str, Callable[[Settings], list[Part]]] = {
+_MAKERS: dict[str, Callable[[Settings], list[Piece]]] = {
     "cornell-box": box_room.parts,
     "blue-orange-box": box_room.parts,
     "two-rooms": two_rooms.parts,

@@ -8,10 +8,10 @@ import numpy as np
 
 from gibench.arrays import Doubles
 from gibench.scene.builtin.pieces import (
-    Part,
+    Piece,
     circle,
     flat,
-    rectangle,
+    panel,
     shifted,
 )
 from gibench.scene.builtin.shapes import curve, fluted_shaft, lathe, swept
@@ -98,7 +98,7 @@ def _half_section(arcade: Arcade) -> Doubles:
     return np.concatenate([[(0.0, t)], foot, [(0.0, -t)]])
 
 
-def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
+def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Piece]:
     """A wall on arches along x, centred, its court side towards +z; it ends in corner piers.
 
     It has no top (the slab lies there) and no ends (the piers stand there).
@@ -106,7 +106,7 @@ def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
     t, bay = arcade.thickness / 2, arcade.bay
     angle = np.linspace(np.pi, 0, arcade.arch_segments + 1)
     profile = _band_profile(arcade)
-    made: list[Part] = []
+    made: list[Piece] = []
     for i in range(bays):
         left = (i - bays / 2) * bay
         x = left + bay / 2
@@ -131,7 +131,7 @@ def arcade_wall(arcade: Arcade, storey: Storey, bays: int) -> list[Part]:
     return made
 
 
-def pier(arcade: Arcade, storey: Storey, towards: tuple[float, float]) -> list[Part]:
+def pier(arcade: Arcade, storey: Storey, towards: tuple[float, float]) -> list[Piece]:
     """A square pier about the origin; walls meet its faces on the sides ``towards`` of x and z."""
     p, t = arcade.pier_half, arcade.thickness / 2
     y0, y1, spring = storey.floor, storey.top, storey.spring
@@ -145,11 +145,11 @@ def pier(arcade: Arcade, storey: Storey, towards: tuple[float, float]) -> list[P
         else:
             start = (origin[0] - p * u[0], y0, origin[2] - p * u[2])
             along = (2 * p * u[0], 0.0, 2 * p * u[2])
-            made.append(rectangle("", "stone", start, along, (0, y1 - y0, 0), (1, 4)))
+            made.append(panel("", "stone", start, along, (0, y1 - y0, 0), (1, 4)))
     return made
 
 
-def column(arcade: Arcade, storey: Storey) -> list[Part]:
+def column(arcade: Arcade, storey: Storey) -> list[Piece]:
     """A column about the origin: plinth, base, fluted shaft, capital, abacus.
 
     It carries a wall along x. Its plinth has no bottom; its abacus has a hole where arches stand.
@@ -189,13 +189,13 @@ def column(arcade: Arcade, storey: Storey) -> list[Part]:
 
 def _block(
     name: str, half: float, bottom: float, top: float, material: str = "stone"
-) -> list[Part]:
+) -> list[Piece]:
     """The four sides of a square block about the origin."""
     corners = [(-half, half), (half, half), (half, -half), (-half, -half)]
     made = []
     for i in range(4):
         (x0, z0), (x1, z1) = corners[i], corners[(i + 1) % 4]
         made.append(
-            rectangle(name, material, (x0, bottom, z0), (x1 - x0, 0, z1 - z0), (0, top - bottom, 0))
+            panel(name, material, (x0, bottom, z0), (x1 - x0, 0, z1 - z0), (0, top - bottom, 0))
         )
     return made

@@ -22,10 +22,10 @@ from gibench.scene.builtin.arcade import (
     plinth_half,
 )
 from gibench.scene.builtin.pieces import (
-    Part,
+    Piece,
     circle,
     flat,
-    rectangle,
+    panel,
     shifted,
 )
 from gibench.scene.builtin.settings import Settings
@@ -78,7 +78,7 @@ class Plan:
         return x, z
 
 
-def parts(settings: Settings) -> list[Part]:
+def parts(settings: Settings) -> list[Piece]:
     """All of the court, from the parameters in its settings."""
     g = settings.geometry
     upper_floor = g["ground_height"] + g["slab"]
@@ -144,7 +144,7 @@ def _mirrored(quarter: list[tuple[float, float]]) -> Ring:
     return np.concatenate([q, q[::-1] * [-1, 1], -q, q[::-1] * [1, -1]])
 
 
-def _shell(plan: Plan, feet: list[Ring]) -> list[Part]:
+def _shell(plan: Plan, feet: list[Ring]) -> list[Piece]:
     """Floors, ceilings, outer walls, roof and the mouldings of the slabs."""
     columns, piers = _places(plan)
     plinths = [_square(plinth_half(plan.arcade), c) for c in columns]
@@ -185,7 +185,7 @@ def _shell(plan: Plan, feet: list[Ring]) -> list[Part]:
     return made
 
 
-def _walls(plan: Plan, storey: Storey) -> list[Part]:
+def _walls(plan: Plan, storey: Storey) -> list[Piece]:
     x, z = plan.outer
     y, height = storey.floor, storey.top - storey.floor
     sides = [
@@ -193,7 +193,7 @@ def _walls(plan: Plan, storey: Storey) -> list[Part]:
         ((x, y, z), (-2 * x, 0, 0)), ((-x, y, z), (0, 0, -2 * z)),
     ]  # fmt: skip
     return [
-        rectangle(
+        panel(
             f"{storey.name} wall {i}",
             "bricks",
             origin,
@@ -206,10 +206,10 @@ def _walls(plan: Plan, storey: Storey) -> list[Part]:
     ]
 
 
-def _colonnade(plan: Plan, storey: Storey) -> list[Part]:
+def _colonnade(plan: Plan, storey: Storey) -> list[Piece]:
     """Columns, piers and arched walls of one storey."""
     columns, piers = _places(plan)
-    made: list[Part] = []
+    made: list[Piece] = []
     model = column(plan.arcade, storey)
     ax, az = plan.axis
     for i, (x, z) in enumerate(columns):
@@ -234,12 +234,12 @@ def _colonnade(plan: Plan, storey: Storey) -> list[Part]:
     return made
 
 
-def _curtains(plan: Plan, grid: list[int]) -> list[Part]:
+def _curtains(plan: Plan, grid: list[int]) -> list[Piece]:
     """Cloths hung in the bays of the long sides: drapes below, banners above."""
     az, bay = plan.axis[1], plan.arcade.bay
     clear = bay - 2 * abacus_half(plan.arcade)
     colors = ("red cloth", "green cloth", "blue cloth")
-    made: list[Part] = []
+    made: list[Piece] = []
     for side, z in (("north", -az), ("south", az)):
         for i in range(plan.bays[0]):
             x = (i + 0.5 - plan.bays[0] / 2) * bay
@@ -254,9 +254,9 @@ def _curtains(plan: Plan, grid: list[int]) -> list[Part]:
     return made
 
 
-def _railings(plan: Plan) -> tuple[list[Part], list[Ring]]:
+def _railings(plan: Plan) -> tuple[list[Piece], list[Ring]]:
     """Balustrades of the gallery between the columns, and the feet their balusters need."""
-    made: list[Part] = []
+    made: list[Piece] = []
     feet: list[Ring] = []
     y, height, segments = plan.upper.floor, 0.85, 10
     profile = curve(
@@ -286,14 +286,14 @@ def _railings(plan: Plan) -> tuple[list[Part], list[Ring]]:
     return made, feet
 
 
-def _urns(plan: Plan) -> tuple[list[Part], list[Ring]]:
+def _urns(plan: Plan) -> tuple[list[Piece], list[Ring]]:
     """A fountain in the middle of the court and urns along its sides, and where they stand."""
     basin = [
         (1.25, 0.0), (1.25, 0.12), (1.15, 0.16), (1.12, 0.5), (1.22, 0.56), (1.22, 0.62),
         (1.02, 0.62), (0.98, 0.3), (0.2, 0.3), (0.16, 0.9), (0.2, 1.0), (0.55, 1.12), (0.6, 1.2),
         (0.5, 1.2), (0.1, 1.1), (0.08, 1.4), (0.12, 1.46), (0.0, 1.6),
     ]  # fmt: skip
-    made: list[Part] = []
+    made: list[Piece] = []
     for piece in pieces_of(basin):
         made += lathe("fountain", "marble", curve(piece, 2 * len(piece)), 72)
     feet = [circle(1.25, segments=72)]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gibench.scene.builtin.pieces import Part, box, flat, footprint, rectangle
+from gibench.scene.builtin.pieces import Piece, box, flat, footprint, panel
 from gibench.scene.builtin.settings import Settings
 
 
-def parts(settings: Settings) -> list[Part]:
+def parts(settings: Settings) -> list[Piece]:
     """Walls edge to edge; the floor has a hole under each box, boxes have no bottom.
 
     The room stands on y = 0, centred on x = z = 0, open towards +z.
@@ -18,7 +18,7 @@ def parts(settings: Settings) -> list[Part]:
     holes = [footprint(b["size"], b["center"], b["turn_degrees"]) for b in boxes]
     made = [
         flat("floor", "floor", outline, holes),
-        rectangle(
+        panel(
             "ceiling",
             "ceiling",
             (-x, height, -z),
@@ -26,11 +26,9 @@ def parts(settings: Settings) -> list[Part]:
             (0, 0, depth),
             tuple(grid["ceiling"]),
         ),
-        rectangle("back", "back", (-x, 0, -z), (width, 0, 0), (0, height, 0), tuple(grid["back"])),
-        rectangle("left", "left", (-x, 0, z), (0, 0, -depth), (0, height, 0), tuple(grid["left"])),
-        rectangle(
-            "right", "right", (x, 0, -z), (0, 0, depth), (0, height, 0), tuple(grid["right"])
-        ),
+        panel("back", "back", (-x, 0, -z), (width, 0, 0), (0, height, 0), tuple(grid["back"])),
+        panel("left", "left", (-x, 0, z), (0, 0, -depth), (0, height, 0), tuple(grid["left"])),
+        panel("right", "right", (x, 0, -z), (0, 0, depth), (0, height, 0), tuple(grid["right"])),
     ]
     for b in boxes:
         offset = (b["center"][0], 0.0, b["center"][1])

@@ -6,7 +6,7 @@ import numpy as np
 
 from gibench.arrays import Doubles
 from gibench.scene.builtin.pieces import (
-    Part,
+    Piece,
     circle,
     flat,
     shifted,
@@ -14,9 +14,9 @@ from gibench.scene.builtin.pieces import (
 from gibench.scene.builtin.shapes import curve, lathe, loft, superellipse
 
 
-def furniture(segments: int) -> tuple[list[Part], list[Doubles]]:
+def furniture(segments: int) -> tuple[list[Piece], list[Doubles]]:
     """Sofas, tables with bowls, stools, plants; the rings (n, 2), in (x, -z), where they stand."""
-    made: list[Part] = []
+    made: list[Piece] = []
     feet: list[Doubles] = []
     for i, (x, z, turn) in enumerate(((-3.9, 2.9, 180.0), (-3.9, 0.3, 0.0), (0.6, 2.7, 180.0))):
         body, foot = _sofa(f"sofa {i}", segments * 2)
@@ -37,7 +37,7 @@ def furniture(segments: int) -> tuple[list[Part], list[Doubles]]:
     return made, feet
 
 
-def _skin(name: str, material: str, ring: Doubles, profile: Doubles) -> Part:
+def _skin(name: str, material: str, ring: Doubles, profile: Doubles) -> Piece:
     """A cushion: ``ring`` (n, 2) shrunk by profile[:, 0] metres at height profile[:, 1]."""
     half = np.abs(ring).max(axis=0)
     rings = np.empty((len(profile), len(ring), 3))
@@ -63,7 +63,7 @@ def _shrunk(ring: Doubles, inset: float) -> Doubles:
     return np.asarray(ring * (half - inset) / half)
 
 
-def _sofa(name: str, segments: int) -> tuple[list[Part], Doubles]:
+def _sofa(name: str, segments: int) -> tuple[list[Piece], Doubles]:
     """A seat with a back and two arms standing on its flat top; its foot's ring."""
     foot = superellipse(1.15, 0.5, segments, 6.0)
     made = [_skin(name, "fabric", foot, _cushion(0.0, 0.42, 0.03, 0.06))]
@@ -82,7 +82,7 @@ def _sofa(name: str, segments: int) -> tuple[list[Part], Doubles]:
     return made, foot
 
 
-def _table(name: str, at: tuple[float, float, float], segments: int) -> list[Part]:
+def _table(name: str, at: tuple[float, float, float], segments: int) -> list[Piece]:
     """A round table on one foot, a bowl on it."""
     y = 0.46
     foot = curve([(0.26, 0.0), (0.22, 0.02), (0.06, 0.08), (0.045, 0.25), (0.08, y - 0.03)], 9)
@@ -95,7 +95,7 @@ def _table(name: str, at: tuple[float, float, float], segments: int) -> list[Par
     ]
 
 
-def _stool(name: str, at: tuple[float, float, float], segments: int) -> list[Part]:
+def _stool(name: str, at: tuple[float, float, float], segments: int) -> list[Piece]:
     """A tulip stool."""
     leg = curve([(0.17, 0.0), (0.14, 0.02), (0.05, 0.1), (0.045, 0.25), (0.16, 0.38)], 9)
     seat = curve([(0.16, 0.38), (0.215, 0.42), (0.2, 0.47), (0.1, 0.485), (0.0, 0.48)], 9)
@@ -105,7 +105,7 @@ def _stool(name: str, at: tuple[float, float, float], segments: int) -> list[Par
     ]
 
 
-def _plant(name: str, at: tuple[float, float, float], segments: int) -> list[Part]:
+def _plant(name: str, at: tuple[float, float, float], segments: int) -> list[Piece]:
     """A pot with a clipped bush growing out of its soil."""
     pot = [(0.2, 0.0), (0.2, 0.03), *curve([(0.22, 0.05), (0.27, 0.22), (0.3, 0.45)], 5)]
     soil = [(0.27, 0.45), (0.26, 0.4), (0.03, 0.41)]

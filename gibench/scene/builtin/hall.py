@@ -14,10 +14,10 @@ import numpy as np
 from gibench.arrays import Doubles
 from gibench.scene.builtin.furniture import furniture
 from gibench.scene.builtin.pieces import (
-    Part,
+    Piece,
     circle,
     flat,
-    rectangle,
+    panel,
 )
 from gibench.scene.builtin.settings import Settings
 from gibench.scene.builtin.shapes import handrail, lathe, post
@@ -49,7 +49,7 @@ class Opening:
                          (self.u0, self.y1)])  # fmt: skip
 
 
-def parts(settings: Settings) -> list[Part]:
+def parts(settings: Settings) -> list[Piece]:
     """All of the hall."""
     segments = int(settings.geometry["segments"])
     pieces, feet = furniture(segments)
@@ -90,9 +90,9 @@ def _box_ring(x: tuple[float, float], z: tuple[float, float]) -> Doubles:
     return np.array([(x[0], -z[1]), (x[1], -z[1]), (x[1], -z[0]), (x[0], -z[0])])
 
 
-def _walls() -> list[Part]:
+def _walls() -> list[Piece]:
     """Four walls; windows on the left and at the front, strips of light high up at the back."""
-    made: list[Part] = []
+    made: list[Piece] = []
     back = [Opening(u, 4.3, u + 1.7, 5.5) for u in (1.0, 3.4, 5.8, 8.2)]
     low, high = (0.0, UNDER), (DECK, HEIGHT)
     made += _wall("back wall", (-X, -Z), (1, 0), [(0, 2 * X, *low)], [])
@@ -116,7 +116,7 @@ def _wall(
     along: tuple[int, int],
     spans: list[tuple[float, float, float, float]],
     openings: list[Opening],
-) -> list[Part]:
+) -> list[Piece]:
     """Plane pieces of a wall (u0, u1, y0, y1) with windows, and the windows' reveals."""
     u = np.array([along[0], 0.0, along[1]])
     o = np.array([start[0], 0.0, start[1]])
@@ -133,7 +133,7 @@ def _wall(
             corner = o + a[0] * u + [0, a[1], 0]
             side = (b[0] - a[0]) * u + [0, b[1] - a[1], 0]
             # Counter-clockwise round the opening, the inside lies to the left.
-            made.append(rectangle(name, "frame", corner, side, REVEAL * out, (4, 1)))
+            made.append(panel(name, "frame", corner, side, REVEAL * out, (4, 1)))
     return made
 
 
@@ -142,15 +142,15 @@ def _soffit_foot() -> float:
     return FOOT - 0.4
 
 
-def _stair(tread_posts: list[tuple[int, Doubles]]) -> list[Part]:
+def _stair(tread_posts: list[tuple[int, Doubles]]) -> list[Piece]:
     """Steps on a sloping slab: treads, risers, two cheeks and the underside."""
     x0, x1 = STAIR_X
-    made: list[Part] = []
+    made: list[Piece] = []
     outline = [(FOOT, 0.0)]
     for i in range(STEPS):
         z, y = FOOT - i * TREAD, (i + 1) * RISE
         outline += [(z, y), (z - TREAD, y)]
-        made.append(rectangle("stair", "concrete", (x0, y - RISE, z), (x1 - x0, 0, 0),
+        made.append(panel("stair", "concrete", (x0, y - RISE, z), (x1 - x0, 0, 0),
                               (0, RISE, 0)))  # fmt: skip
         holes = [ring for step, ring in tread_posts if step == i]
         tread = _box_ring(STAIR_X, (z - TREAD, z))
@@ -162,17 +162,17 @@ def _stair(tread_posts: list[tuple[int, Doubles]]) -> list[Part]:
                      v=(0, 1, 0)))  # fmt: skip
     made.append(flat("stair", "concrete", cheek, origin=(x0, 0, 0), u=(0, 0, 1), v=(0, 1, 0)))
     slope = (0, UNDER, EDGE - _soffit_foot())
-    made.append(rectangle("stair", "concrete", (x1, 0, _soffit_foot()), (x0 - x1, 0, 0), slope,
+    made.append(panel("stair", "concrete", (x1, 0, _soffit_foot()), (x0 - x1, 0, 0), slope,
                           (1, 6)))  # fmt: skip
     return made
 
 
-def _railings(segments: int) -> tuple[list[Part], list[Doubles], list[tuple[int, Doubles]]]:
+def _railings(segments: int) -> tuple[list[Piece], list[Doubles], list[tuple[int, Doubles]]]:
     """Rails along the mezzanine's edge and the stair.
 
     Returns the parts, the posts' feet on the mezzanine, and those on the stair with their step.
     """
-    made: list[Part] = []
+    made: list[Piece] = []
     deck: list[Doubles] = []
     n = segments // 2
     z, height = EDGE - 0.12, 0.95
@@ -202,7 +202,7 @@ def _railings(segments: int) -> tuple[list[Part], list[Doubles], list[tuple[int,
     return made, deck, treads
 
 
-def _lamp(name: str, at: tuple[float, float, float], segments: int) -> list[Part]:
+def _lamp(name: str, at: tuple[float, float, float], segments: int) -> list[Piece]:
     """A pendant: a rose at the ceiling, a cord, a globe."""
     globe, radius, top = 4.1, 0.24, HEIGHT
     angle = np.linspace(np.pi / 2 * 0.96, -np.pi / 2, 17)

@@ -20,7 +20,7 @@ Point = Sequence[float] | Doubles
 
 
 @dataclass(frozen=True)
-class Part:
+class Piece:
     """A mesh of one material and one object.
 
     Attributes:
@@ -39,7 +39,7 @@ class Part:
     uvs: Doubles = field(repr=False)
     triangles: npt.NDArray[np.int64] = field(repr=False)
 
-    def moved(self, offset: Point, turn_degrees: float = 0.0) -> Part:
+    def moved(self, offset: Point, turn_degrees: float = 0.0) -> Piece:
         """Turned about +Y through the origin, then moved."""
         c, s = np.cos(np.radians(turn_degrees)), np.sin(np.radians(turn_degrees))
         # A turn from +X towards -Z, as seen from above counter-clockwise.
@@ -50,7 +50,7 @@ class Part:
             normals=self.normals @ matrix.T,
         )
 
-    def named(self, name: str) -> Part:
+    def named(self, name: str) -> Piece:
         """The same mesh as part of another object."""
         return replace(self, name=name)
 
@@ -64,7 +64,7 @@ def grid_triangles(rows: int, columns: int) -> npt.NDArray[np.int64]:
 
 def patch(
     name: str, material: str, points: Doubles, normals: Doubles | None = None, uvs: Any = None
-) -> Part:
+) -> Piece:
     """A grid of ``points`` (rows, columns, 3).
 
     Its front is columns x rows, or the side of the normals (rows, columns, 3) where they are given;
@@ -88,12 +88,12 @@ def patch(
     if (cross * normals.reshape(-1, 3)[triangles[:, 0]]).sum() < 0:
         triangles = triangles[:, ::-1]
     full = np.linalg.norm(cross, axis=1) > 1e-10
-    return Part(
+    return Piece(
         name, material, flat, normals.reshape(-1, 3), np.reshape(uvs, (-1, 2)), triangles[full]
     )
 
 
-def rectangle(
+def panel(
     name: str,
     material: str,
     origin: Point,
@@ -101,7 +101,7 @@ def rectangle(
     v: Point,
     grid: tuple[int, int] = (1, 1),
     metres_per_uv: float | None = None,
-) -> Part:
+) -> Piece:
     """A rectangle from ``origin`` along ``u`` and ``v``, its front towards u x v.
 
     Made of a grid of quads. Texture coordinates run from 0 to 1, or by ``metres_per_uv``.
@@ -126,7 +126,7 @@ def flat(
     u: Point = (1.0, 0.0, 0.0),
     v: Point = (0.0, 0.0, -1.0),
     metres_per_uv: float = 1.0,
-) -> Part:
+) -> Piece:
     """A plane polygon (n, 2) with holes, at origin + x u + y v, its front towards u x v.
 
     ``u`` and ``v`` are unit vectors; unless given, the polygon lies in (x, -z) and faces up.
@@ -142,10 +142,10 @@ def flat(
     du, dv = np.asarray(u, np.float64), np.asarray(v, np.float64)
     positions = np.asarray(origin, np.float64) + points[:, :1] * du + points[:, 1:] * dv
     normals = np.broadcast_to(np.cross(du, dv), positions.shape)
-    return Part(name, material, positions, normals, points / metres_per_uv, triangles)
+    return Piece(name, material, positions, normals, points / metres_per_uv, triangles)
 
 
-def box(name: str, material: str, size: Point) -> list[Part]:
+def box(name: str, material: str, size: Point) -> list[Piece]:
     """A box without bottom, standing on the origin's plane, centred on it."""
     x, height, z = size[0] / 2, size[1], size[2] / 2
     corners = [(-x, z), (x, z), (x, -z), (-x, -z)]
@@ -153,9 +153,9 @@ def box(name: str, material: str, size: Point) -> list[Part]:
     for i in range(4):
         (x0, z0), (x1, z1) = corners[i], corners[(i + 1) % 4]
         sides.append(
-            rectangle(name, material, (x0, 0.0, z0), (x1 - x0, 0.0, z1 - z0), (0.0, height, 0.0))
+            panel(name, material, (x0, 0.0, z0), (x1 - x0, 0.0, z1 - z0), (0.0, height, 0.0))
         )
-    top = rectangle(name, material, (-x, height, z), (2 * x, 0.0, 0.0), (0.0, 0.0, -2 * z))
+    top = panel(name, material, (-x, height, z), (2 * x, 0.0, 0.0), (0.0, 0.0, -2 * z))
     return [*sides, top]
 
 

@@ -1,9 +1,14 @@
-"""Settings of the built-in scenes (``scenes/builtin/*.toml``) and the assembly of their parts."""
+"""Settings of the built-in scenes (``scenes/builtin/*.toml``) and the assembly of their pieces.
+
+Lights, cameras, the environment, probes, regions and motions are written as in a scene file of a
+user's (``readers/scene_file.py``); materials and the parameters of generated geometry are theirs.
+"""
 
 from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,14 +16,12 @@ import numpy as np
 from gibench.arrays import Vec3
 from gibench.resources import data
 from gibench.scene.builtin.patterns import pattern
-from gibench.scene.builtin.pieces import Part
+from gibench.scene.builtin.pieces import Piece
 from gibench.scene.model import (
     Camera,
-    DirectionalLight,
     Environment,
     Light,
     Material,
-    PointLight,
     ProbeSettings,
     Region,
     Scene,
@@ -26,6 +29,12 @@ from gibench.scene.model import (
 )
 from gibench.scene.motion.file import read_motions
 from gibench.scene.motion.poses import Motion
+from gibench.scene.readers.scene_file import (
+    read_camera,
+    read_environment,
+    read_light,
+    read_region,
+)
 
 
 @dataclass(frozen=True)
@@ -74,25 +83,22 @@ def read_settings(name: str) -> Settings:
             textures.append(pattern(n, color["pattern"], [_vec3(c) for c in color["colors"]]))
         else:
             materials[n] = Material(n, _vec3(color))
+    where = f"{name}.toml"
+
+    def tables(key: str) -> list[tuple[str, Any]]:
+        return [(f"[[{key}]] {i}", entry) for i, entry in enumerate(table.pop(key, ()), 1)]
+
     return Settings(
         name=name,
         receivers=int(table.pop("receivers")),
-        probes=int(table.pop("probes")),
-        lights=tuple(_light(light) for light in table.pop("lights")),
-        environment=_environment(table.pop("environment")),
-        cameras=tuple(
-            Camera(
-                position=_vec3(camera["position"]),
-                target=_vec3(camera["target"]),
-                fov_degrees=float(camera["fov_degrees"]),
-                name=camera["name"],
-            )
-            for camera in table.pop("cameras")
-        ),
-        regions=tuple(_region(region) for region in table.pop("regions", ())),
+        probes=int(table.pop("probes")["count"]),
+        lights=tuple(read_light(e, label=label, where=where) for label, e in tables("light")),
+        environment=read_environment(table.pop("environment"), where=where, folder=Path()),
+        cameras=tuple(read_camera(e, label=label, where=where) for label, e in tables("camera")),
+        regions=tuple(read_region(e, label=label, where=where) for label, e in tables("region")),
         materials=materials,
         textures=tuple(textures),
-        motions=read_motions(table.pop("motion", []), f"{name}.toml"),
+        motions=read_motions(table.pop("motion", []), where),
         geometry=table,
     )
 
@@ -102,37 +108,7 @@ def _vec3(values: Any) -> Vec3:
     return float(x), float(y), float(z)
 
 
-def _region(table: dict[str, Any]) -> Region:
-    left, top, right, bottom = (float(value) for value in table["box"])
-    return Region(table["name"], table["camera"], (left, top, right, bottom))
-
-
-def _light(table: dict[str, Any]) -> Light:
-    if table["kind"] == "directional":
-        direction = np.asarray(table["direction"], np.float64)
-        return DirectionalLight(
-            direction=_vec3(direction / np.linalg.norm(direction)),
-            irradiance=_vec3(table["irradiance"]),
-            swing_degrees=float(table["swing_degrees"]),
-            period_frames=int(table["period_frames"]),
-        )
-    return PointLight(
-        position=_vec3(table["position"]),
-        intensity=_vec3(table["intensity"]),
-        orbit_radius=float(table["orbit_radius"]),
-        period_frames=int(table["period_frames"]),
-    )
-
-
-def _environment(table: dict[str, Any]) -> Environment:
-    if table["kind"] == "gradient":
-        return Environment.gradient(
-            _vec3(table["zenith"]), _vec3(table["horizon"]), _vec3(table["ground"])
-        )
-    return Environment.constant(_vec3(table["radiance"]))
-
-
-def assemble(settings: Settings, parts: list[Part]) -> Scene:
+def assemble(settings: Settings, parts: list[Piece]) -> Scene:
     """One scene from ``parts``; objects are numbered as their names first appear."""
     starts = np.cumsum([0, *(len(p.positions) for p in parts)])
     counts = [len(p.triangles) for p in parts]

@@ -11,19 +11,19 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.scene.builtin.pieces import (
-    Part,
+    Piece,
     Point,
     circle,
     flat,
+    panel,
     patch,
-    rectangle,
 )
 
 # A profile turns sharply, and gets a crease, where it bends by more than this.
 CREASE_DEGREES = 35.0
 
 
-def loft(name: str, material: str, rings: Doubles) -> Part:
+def loft(name: str, material: str, rings: Doubles) -> Piece:
     """A smooth skin over closed ``rings`` (rows, n, 3), each counter-clockwise from above.
 
     Its front is outside when the rings go upwards. A ring may shrink to a point.
@@ -60,7 +60,7 @@ def lathe(
     segments: int,
     center: Point = (0.0, 0.0, 0.0),
     outline: Doubles | None = None,
-) -> list[Part]:
+) -> list[Piece]:
     """A turned body: ``profile`` (k, 2) of radius and height, its front on the right going along.
 
     ``outline`` (segments, 2) in (x, -z) replaces the unit circle.
@@ -104,7 +104,7 @@ def fluted_shaft(
     flutes: int,
     segments: int,
     rows: int,
-) -> Part:
+) -> Piece:
     """A column's shaft with entasis and flutes that run out to a circle at both ends."""
     t = np.linspace(0, 1, rows + 1)[:, None]
     angle = np.arange(segments) / segments * 2 * np.pi
@@ -120,7 +120,7 @@ def fluted_shaft(
 
 def swept(
     name: str, material: str, profile: Doubles, frames: tuple[Doubles, Doubles, Doubles]
-) -> list[Part]:
+) -> list[Piece]:
     """A profile carried along a path, creased at every corner of the profile.
 
     Args:
@@ -139,7 +139,7 @@ def swept(
     return made
 
 
-def rim(name: str, material: str, half: tuple[float, float], profile: npt.ArrayLike) -> list[Part]:
+def rim(name: str, material: str, half: tuple[float, float], profile: npt.ArrayLike) -> list[Piece]:
     """A moulding around a rectangular opening, facing its middle, mitred at the corners.
 
     ``profile`` (k, 2) lists how far it stands into the opening, and the height, going upwards.
@@ -159,7 +159,7 @@ def rim(name: str, material: str, half: tuple[float, float], profile: npt.ArrayL
     return made
 
 
-def _facing(part: Part, across: Doubles) -> Part:
+def _facing(part: Piece, across: Doubles) -> Piece:
     """A mitred strip with its normal turned square to the side it runs along."""
     keep = np.abs(across) > 0.5
     normals = part.normals * [float(keep[0]), 1.0, float(keep[1])]
@@ -168,7 +168,7 @@ def _facing(part: Part, across: Doubles) -> Part:
 
 def post(
     name: str, material: str, ring: Doubles, bottom: Doubles | float, top: Doubles | float
-) -> Part:
+) -> Piece:
     """An upright prism over ``ring`` (n, 2) in (x, -z), without ends."""
     x, z = ring[:, 0], -ring[:, 1]
     rings = np.stack([np.stack([x, np.broadcast_to(y, x.shape), z], axis=1) for y in (bottom, top)])
@@ -182,7 +182,7 @@ def handrail(
     run: Point,
     size: tuple[float, float],
     posts: Sequence[Doubles],
-) -> list[Part]:
+) -> list[Piece]:
     """A closed bar from ``start`` along ``run``; ``start`` lies in the middle of its underside.
 
     ``posts`` are rings (n, 2) in (x, -z) of upright posts that carry it; its underside has holes
@@ -205,17 +205,17 @@ def handrail(
     outline = [(0.0, -half), (length, -half), (length, half), (0.0, half)]
     bar = [flat(name, material, outline, holes, origin=o, u=u, v=side)]
     corners = [o - half * side, o + half * side]
-    bar.append(rectangle(name, material, corners[1], d, height * up))
-    bar.append(rectangle(name, material, corners[0] + d, -d, height * up))
-    bar.append(rectangle(name, material, corners[1] + height * up, d, -2 * half * side))
-    bar.append(rectangle(name, material, corners[0], 2 * half * side, height * up))
-    bar.append(rectangle(name, material, corners[1] + d, -2 * half * side, height * up))
+    bar.append(panel(name, material, corners[1], d, height * up))
+    bar.append(panel(name, material, corners[0] + d, -d, height * up))
+    bar.append(panel(name, material, corners[1] + height * up, d, -2 * half * side))
+    bar.append(panel(name, material, corners[0], 2 * half * side, height * up))
+    bar.append(panel(name, material, corners[1] + d, -2 * half * side, height * up))
     # The bottom looks down, the others away from the bar.
     middle = o + d / 2 + height / 2 * up
     return [_outwards(part, middle) for part in bar]
 
 
-def _outwards(part: Part, middle: Doubles) -> Part:
+def _outwards(part: Piece, middle: Doubles) -> Piece:
     """A plane part with its front turned away from ``middle``."""
     if float((part.positions.mean(axis=0) - middle) @ part.normals[0]) > 0:
         return part
@@ -231,7 +231,7 @@ def curtain(
     depth: float,
     grid: tuple[int, int],
     thickness: float = 0.03,
-) -> list[Part]:
+) -> list[Piece]:
     """A hanging cloth, closed: two wavy faces and four thin edges.
 
     It hangs in the plane z = 0 between x = -width/2 and width/2, its lower edge at y = 0. The folds

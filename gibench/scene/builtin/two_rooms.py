@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from gibench.scene.builtin.pieces import Part, box, flat, footprint, rectangle
+from gibench.scene.builtin.pieces import Piece, box, flat, footprint, panel
 from gibench.scene.builtin.settings import Settings
 
 
-def parts(settings: Settings) -> list[Part]:
+def parts(settings: Settings) -> list[Piece]:
     """The room on the left first; each has a box on its floor.
 
     The rooms stand on y = 0, mirrored about x = 0, their long sides along z. The wall between them
@@ -21,7 +21,7 @@ def parts(settings: Settings) -> list[Part]:
     return made
 
 
-def _room(settings: Settings, name: str, width: float, height: float, depth: float) -> list[Part]:
+def _room(settings: Settings, name: str, width: float, height: float, depth: float) -> list[Piece]:
     x, z = width / 2, depth / 2
     inside = next(b for b in settings.geometry["boxes"] if b["room"] == name)
     size, center, turn = inside["size"], inside["center"], inside["turn_degrees"]
@@ -34,6 +34,6 @@ def _room(settings: Settings, name: str, width: float, height: float, depth: flo
         ("ceiling", "ceiling", (-x, height, -z), (width, 0, 0), (0, 0, depth)),
     )
     made = [flat(f"{name} floor", "floor", outline, [footprint(size, center, turn)])]
-    made += [rectangle(f"{name} {wall}", *rest) for wall, *rest in walls]
+    made += [panel(f"{name} {wall}", *rest) for wall, *rest in walls]
     sides = box(f"{name} box", inside["name"], size)
     return made + [side.moved((center[0], 0.0, center[1]), turn) for side in sides]

@@ -5,8 +5,8 @@ The rules, each applied to all meshes at load, and said in a warning where light
 what the file's author saw:
 
 - *Emission from an image*: every triangle emits the mean over the texels that it covers.
-- *Colours of vertices*: interpolated over the triangle exactly, through an image of four texels a
-  triangle; where the material has an image already, the triangle's mean colour tints it.
+- *Colours of vertices*: interpolated over the triangle through an image of four texels a triangle;
+  where the material has an image already, the triangle's mean colour tints it.
 - *Opacity* (glTF's BLEND, MTL's d and Tr) *and transmission*: a part (the triangles of one object
   with one material) that lets more light through than it stops is left out; any other is opaque.
   What glows is never left out.
@@ -239,7 +239,7 @@ def _through_image(parts: list[Part], table: _Table) -> list[Part]:
     """The parts with vertices of their own for every triangle, looked up in one image.
 
     A triangle has a block of two by two texels: its corners' colours a, b and c, and b + c - a,
-    between which bilinear sampling is linear.
+    between which bilinear sampling is linear, but that it is kept from 0 to 1 as all albedos are.
     """
     counts = [len(part.triangles) for part in parts]
     side = int(np.ceil(np.sqrt(sum(counts))))
@@ -248,7 +248,7 @@ def _through_image(parts: list[Part], table: _Table) -> list[Part]:
     block = np.arange(len(corners))
     row, column = block // side, block % side
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    for down, right, color in ((0, 0, a), (0, 1, b), (1, 0, c), (1, 1, b + c - a)):
+    for down, right, color in ((0, 0, a), (0, 1, b), (1, 0, c), (1, 1, np.clip(b + c - a, 0, 1))):
         pixels[row, down, column, right] = color
     texture = len(table.textures)
     table.textures.append(Texture("vertex colours", pixels.reshape(2 * side, 2 * side, 3)))

@@ -116,7 +116,7 @@ def scene_from_toml(text: str, *, where: object, folder: Path) -> Scene:
         for i, entry in enumerate(_tables(top, "light"), 1)
     ]
     cameras = [
-        _camera(Table(entry, f"[[camera]] {i}", where, _CAMERA_KEYS), i)
+        read_camera(entry, label=f"[[camera]] {i}", where=where)
         for i, entry in enumerate(_tables(top, "camera"), 1)
     ]
     content = replace(
@@ -179,6 +179,26 @@ def read_light(entries: Any, *, label: str, where: object) -> Light:
         inner_angle=math.radians(table.number("inner_degrees", 0.0, low=0, high=outer)),
         outer_angle=math.radians(outer),
     )
+
+
+def read_camera(entries: Any, *, label: str, where: object) -> Camera:
+    """A camera from a table with ``position`` and ``target``; called by its label without a name.
+
+    Raises:
+        BadInput: an unknown key, a wrong value, or no direction to look in.
+    """
+    table = Table(entries, label, where, _CAMERA_KEYS)
+    camera = Camera(
+        position=table.vector("position"),
+        target=table.vector("target"),
+        fov_degrees=table.number("fov_degrees", 50.0, low=1, high=170),
+        up=table.vector("up", (0.0, 1.0, 0.0)),
+        name=table.text("name", default=label.strip("[").replace("]]", "")),
+    )
+    view = np.subtract(camera.target, camera.position)
+    if not np.linalg.norm(np.cross(view, camera.up)) > 0:
+        table.fail("target", "it must not lie on the camera or straight along 'up' from it")
+    return camera
 
 
 def read_region(entries: Any, *, label: str, where: object) -> Region:
@@ -324,20 +344,6 @@ def _matrix(table: Table) -> Array:
     matrix[:3, :3] = linear
     matrix[:3, 3] = table.vector("translate", (0.0, 0.0, 0.0))
     return matrix
-
-
-def _camera(table: Table, number: int) -> Camera:
-    camera = Camera(
-        position=table.vector("position"),
-        target=table.vector("target"),
-        fov_degrees=table.number("fov_degrees", 50.0, low=1, high=170),
-        up=table.vector("up", (0.0, 1.0, 0.0)),
-        name=table.text("name", default=f"camera {number}"),
-    )
-    view = np.subtract(camera.target, camera.position)
-    if not np.linalg.norm(np.cross(view, camera.up)) > 0:
-        table.fail("target", "it must not lie on the camera or straight along 'up' from it")
-    return camera
 
 
 def _probes(table: Table, folder: Path, origin: Vec3) -> ProbeSettings | None:
