@@ -3,6 +3,7 @@
 import json
 import pickle
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -57,5 +58,22 @@ def test_one_job_and_no_other_form_of_it():
         for file in package.rglob("*.py")
         for name in gone
         if re.search(rf"\b{name}\b", file.read_text(encoding="utf-8"))
+    }
+    assert not found
+
+
+def test_measuring_and_reporting_know_no_setting_or_count_of_a_technique():
+    """Its columns come from what a technique declares."""
+    package = Path(gibench.__file__).parent
+    names = {item.name for spec in SPECS.values() for item in fields(spec.settings_type)}
+    names |= {name for spec in SPECS.values() for name in spec.counts}
+    # Words of the whole house, which some setting happens to be called.
+    names -= {"rays", "scale", "origin", "spacing", "counts", "grid", "storage", "bounces"}
+    found = {
+        (file.name, name)
+        for room in ("measure", "report")
+        for file in (package / room).rglob("*.py")
+        for name in names
+        if re.search(rf"[\"\']{name}[\"\']|\.{name}\b", file.read_text(encoding="utf-8"))
     }
     assert not found

@@ -81,7 +81,7 @@ def _job(
 
 def _points(context: Context) -> Iterator[Point]:
     samples = Rows.at(context.folder.path / "convergence-samples.csv", _KEYS, _SAMPLE)
-    for name in context.scene_or("atrium"):
+    for name in context.scene_or("cornell-box" if context.quick else "atrium"):
         for switch, (before, after) in _SWITCHES.items():
             change = LightSwitch(_lengths(context).before, before, after)
             shared = SwitchedShared(context.cache, context.seed, switch=change)

@@ -129,7 +129,7 @@ def _points(context: Context) -> Iterator[Point]:
     shared, sizes = context.standing(), _sizes(context)
     samples = Rows.at(context.folder.path / "ray-budget-samples.csv", _KEYS, _SAMPLE)
     writer = ImageWriter(context.folder.path / "images")
-    for name in context.scene_or("atrium"):
+    for name in context.scene_or("cornell-box" if context.quick else "atrium"):
         scene = shared.scene(name).name
         for profile in context.profiles:
             for rays in _RAYS_PER_PROBE:

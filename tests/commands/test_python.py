@@ -1,0 +1,122 @@
+"""The commands from Python: as the page shows them, and the same whatever executor bakes."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+
+import gibench
+from gibench.cli import advise as cli_advise
+from gibench.cli import quality as cli_quality
+from gibench.cli import run as cli_run
+from gibench.cli.main import call
+from gibench.commands.advise import advise
+from gibench.commands.quality import quality
+from gibench.commands.run import run
+from gibench.errors import BadInput
+from gibench.work import Serial, Threads
+
+PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.mark.parametrize("number", range(len(EXAMPLES)))
+def test_the_page_s_examples_run(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(EXAMPLES[number], str(PAGE), "exec"), names)
+    if number == 0:
+        ran = names["ran"]
+        assert isinstance(ran, gibench.commands.run.RunResult)  # type: ignore[attr-defined]
+        assert ran.frames["ray_budget"].dropna().tolist() == [2000, 4000]
+        for name in ("samples", "passes"):
+            stored = pd.read_csv(tmp_path / "run" / f"{name}.csv")
+            assert set(stored["ray_budget"].dropna()) == {2000, 4000}
+        loaded = gibench.load_run(ran.folder)
+        pd.testing.assert_frame_equal(loaded.frames, ran.frames)
+        gi = ran.passes[ran.passes["stage"] == "gi"]
+        assert set(gi["technique"]) == {"gibs"}
+        assert (ran.frames["gi_ms"] > 0).tolist() == [True, True, False]
+
+
+def test_no_result_depends_on_the_executor(tmp_path: Path) -> None:
+    """Everything is baked anew by each."""
+    tables, receivers = [], []
+    for name, executor in (("serial", Serial()), ("threads", Threads(2))):
+        found = gibench.quality(
+            receivers=400,
+            sh_order=1,
+            settings={"srp.transport_rays": 32, "srp.relight_samples": 32},
+            resolution=(32, 24),
+            target_error=0.5,
+            frames=16,
+            out=tmp_path / name,
+            cache_dir=tmp_path / f"cache-{name}",
+            executor=executor,
+        )
+        assert found.error is None
+        tables.append(found.table.drop(columns="time_ms"))
+        receivers.append(found.receivers)
+    pd.testing.assert_frame_equal(*tables)
+    pd.testing.assert_frame_equal(*receivers)
+    assert np.isfinite(receivers[0]["srp g"]).all()
+
+
+@pytest.mark.parametrize(
+    ("called", "command"),
+    [(run, cli_run.run), (quality, cli_quality.quality), (advise, cli_advise.advise)],
+)
+def test_python_takes_what_the_command_line_takes(called, command) -> None:
+    """By the same names, with the same defaults; but for what is shown, and who bakes."""
+    mine, theirs = inspect.signature(called).parameters, inspect.signature(command).parameters
+    renamed = {"moving": "motion"}
+    options = {renamed.get(name, name): one.default for name, one in theirs.items()}
+    assert options.pop("quiet") is False
+    assert set(mine) - set(options) == {"executor"} and set(options) <= set(mine)
+    for name, default in options.items():
+        assert not isinstance(default, typer.models.OptionInfo)
+        wanted = tuple(default) if isinstance(default, list) else default
+        assert mine[name].default == wanted, name
+
+
+def test_what_is_wrong_is_told_before_anything_long(tmp_path: Path) -> None:
+    for options, what in (
+        ({"settings": {"gibs.nosuch": 1}, "technique": "gibs"}, "no setting 'nosuch'"),
+        ({"settings": {"gibs": 1}}, "not technique.setting=value"),
+        ({"workgroup_size": "big"}, "--workgroup-size 'big'"),
+        ({"resolution": "64"}, "not WxH"),
+    ):
+        with pytest.raises(BadInput, match=re.escape(what)):
+            gibench.run(out=tmp_path / "out", **options)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_setting_given_twice_is_an_axis_on_the_command_line(tmp_path: Path) -> None:
+    code = call(
+        [
+            *("run", "-t", "gibs", "-t", "direct", "--set", "gibs.ray_budget=1000"),
+            *("--set", "gibs.ray_budget=3000", "--set", "gibs.surfels=300", "--receivers", "300"),
+            *("--frames", "2", "--warmup", "0", "--resolution", "32x24", "-q"),
+            *("--out", str(tmp_path / "run"), "--cache-dir", str(tmp_path / "cache")),
+        ]
+    )
+    assert code == 0
+    tables = {
+        name: pd.read_csv(tmp_path / "run" / f"{name}.csv")
+        for name in ("samples", "passes", "frames")
+    }
+    for name, table in tables.items():
+        mine = table[table["technique"] == "gibs"]
+        assert sorted(set(mine["ray_budget"])) == [1000, 3000], name
+        assert table[table["technique"] == "direct"]["ray_budget"].isna().all(), name
+    assert len(tables["frames"]) == 3
+    report = (tmp_path / "run" / "report.md").read_text(encoding="utf-8")
+    assert "ray budget 3000" in report and "| SH order | ray budget |" in report
