@@ -91,12 +91,12 @@ __kernel void probe_view(BVH_PARAMS, __global const float *camera, int width, in
     const float3 origin = (ray.origin - load3(volume, 0)) / spacing + 0.5f;
     const float3 along = ray.direction / spacing;
     const float3 inverse = 1.0f / copysign(fmax(fabs(along), 1e-12f), along);
-    const float3 counts = (float3)(COUNT_X, COUNT_Y, COUNT_Z);
+    const float3 counts = (float3)(PROBES_X, PROBES_Y, PROBES_Z);
     const float3 low = -origin * inverse, high = (counts - origin) * inverse;
     const float3 enter = fmin(low, high), leave = fmax(low, high);
     float t = fmax(fmax(enter.x, enter.y), fmax(enter.z, 0.0f));
     const float end = fmin(fmin(leave.x, leave.y), fmin(leave.z, limit));
-    const int3 last = (int3)(COUNT_X - 1, COUNT_Y - 1, COUNT_Z - 1);
+    const int3 last = (int3)(PROBES_X - 1, PROBES_Y - 1, PROBES_Z - 1);
     int3 cell = clamp(convert_int3_rtn(origin + t * along), (int3)(0), last);
     while (t < end) {
         const float3 border = convert_float3(cell) + (along >= 0.0f ? (float3)(1.0f) : (float3)(0.0f));

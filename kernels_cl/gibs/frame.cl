@@ -2,16 +2,14 @@
 #ifndef GIBENCH_GIBS_FRAME
 #define GIBENCH_GIBS_FRAME
 
-// frame: words written by gibench.techniques.gibs.technique before every frame.
-#define FRAME_ALIVE 0      // surfels alive when the frame begins
-#define FRAME_NUMBER 1     // frames begun so far, from 1
-#define FRAME_RAYS 2       // rays to trace in this frame
-#define FRAME_SEED 3       // of every random choice
-#define FRAME_CAMERA 4     // camera position, three floats
-#define FRAME_ANGLE 7      // a surfel's radius per metre from the camera, float
-#define FRAME_MIN_RADIUS 8 // m, float
-#define FRAME_MAX_RADIUS 9 // m, float
-#define FRAME_WORDS 10
+#include "parts/surfels.cl"
+
+// frame: words written by gibench.techniques.gibs.technique before every frame: those of
+// parts/surfels.cl, then
+#define FRAME_NUMBER (SURFEL_WORDS)   // frames begun so far, from 1
+#define FRAME_RAYS (SURFEL_WORDS + 1) // rays to trace in this frame
+#define FRAME_SEED (SURFEL_WORDS + 2) // of every random choice
+#define FRAME_WORDS (SURFEL_WORDS + 3)
 
 // counters: words that only the device writes.
 #define COUNT_ALIVE 0     // surfels alive
@@ -20,38 +18,6 @@
 #define COUNT_RECYCLED 3  // recycled in this frame
 #define COUNT_SURVIVORS 4 // alive after this frame
 #define COUNT_WORDS 5
-
-// packed: PACKED_ROWS rows of PACKED_STRIDE floats, an entry of the grid's lists per column:
-// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries, room for one vector.
-#define PACKED_STRIDE (ENTRIES + 16)
-#define PACKED_ROWS 11
-#define PACKED_RADIUS 6
-#define PACKED_IRRADIANCE 7
-#define PACKED_NEAREST 10
-
-inline float frame_float(__global const uint *frame, int word)
-{
-    return as_float(frame[word]);
-}
-
-inline float3 frame_camera(__global const uint *frame)
-{
-    return (float3)(as_float(frame[FRAME_CAMERA]), as_float(frame[FRAME_CAMERA + 1]),
-                    as_float(frame[FRAME_CAMERA + 2]));
-}
-
-// Structure of arrays: component c of surfel id lies at c * CAPACITY + id.
-inline float3 surfel_load3(__global const float *array, uint id)
-{
-    return (float3)(array[id], array[CAPACITY + id], array[2 * CAPACITY + id]);
-}
-
-inline void surfel_store3(__global float *array, uint id, float3 v)
-{
-    array[id] = v.x;
-    array[CAPACITY + id] = v.y;
-    array[2 * CAPACITY + id] = v.z;
-}
 
 // Three well mixed words from three (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering",
 // pcg3d).

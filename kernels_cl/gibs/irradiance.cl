@@ -37,7 +37,7 @@ __kernel void request_rays(__global const uint *frame, __global const uint *aliv
                            __global uint *requests)
 {
     const uint i = get_global_id(0);
-    if (i >= frame[FRAME_ALIVE])
+    if (i >= frame[SURFELS_ALIVE])
         return;
     const uint id = alive_ids[i];
     const float inconsistency = estimator[ROW_INCONSISTENCY * CAPACITY + id];
@@ -63,7 +63,7 @@ inline uint rays_before(__global const uint *frame, uint before, uint total)
 __kernel void assign_rays(__global const uint *frame, __global const uint *before,
                           __global uint *ray_first, __global uint *ray_owner)
 {
-    const uint i = get_global_id(0), alive = frame[FRAME_ALIVE];
+    const uint i = get_global_id(0), alive = frame[SURFELS_ALIVE];
     if (i >= alive)
         return;
     const uint first = rays_before(frame, before[i], before[alive]);
@@ -167,7 +167,7 @@ __kernel void update_surfels(__global const uint *frame, __global const uint *al
                              __global float *nearest, __global float *guides)
 {
     const uint i = get_global_id(0);
-    if (i >= frame[FRAME_ALIVE])
+    if (i >= frame[SURFELS_ALIVE])
         return;
     const uint id = alive_ids[i];
     Estimator e = estimator_load(estimator, id);

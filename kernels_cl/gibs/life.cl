@@ -95,10 +95,8 @@ __kernel void placement(__global const uint *frame, __global const uint *least, 
             estimator_store(estimator, id, estimator_new());
 #if DEPTH
             // Nothing is known to be in the way.
-            const float away = length(p.xyz - frame_camera(frame));
-            const float reach = 2.0f * clamp(away * frame_float(frame, FRAME_ANGLE),
-                                             frame_float(frame, FRAME_MIN_RADIUS),
-                                             frame_float(frame, FRAME_MAX_RADIUS));
+            const float away = length(p.xyz - surfel_camera(frame));
+            const float reach = 2.0f * surfel_radius(frame, away);
             for (int t = 0; t < HEMISPHERE_TEXELS; ++t) {
                 moments[(size_t)id * MOMENT_FLOATS + t] = reach;
                 moments[(size_t)id * MOMENT_FLOATS + HEMISPHERE_TEXELS + t] = reach * reach;
@@ -149,13 +147,13 @@ __kernel void recycling_choose(__global const uint *frame, GATHER_PARAMS,
     const uint id = alive_ids[i];
     const float draw = unit_float(random_words(births[id] ^ frame[FRAME_SEED], frame[FRAME_NUMBER],
                                                0xdeadu).x);
-    if (i < frame[FRAME_ALIVE] && draw < chance) {
+    if (i < frame[SURFELS_ALIVE] && draw < chance) {
         const float3 position = surfel_load3(world_position, id);
         const uint unseen = frame[FRAME_NUMBER] - seen[id];
         if (unseen > 16) {
             const float filling = (float)counters[COUNT_ALIVE] / CAPACITY;
             const float pressure = smoothstep(pressure_from, 1.0f, filling);
-            const float away = distance(position, frame_camera(frame)) / far_distance;
+            const float away = distance(position, surfel_camera(frame)) / far_distance;
             const float age = unseen / unseen_frames;
             stays = draw >= chance * pressure * fmin(fmax(age, away), 1.0f);
         }

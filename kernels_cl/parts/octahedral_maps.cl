@@ -2,7 +2,7 @@
 // "A Survey of Efficient Representations for Independent Unit Vectors"), one per probe, each with a
 // border of one texel (parts/border_copy.cl), so that bilinear lookups need no special case.
 //
-// A map of `side` texels has (side + 2)^2 with its border, rows upwards. Macro: HALF_STORAGE, whether
+// A map of `side` texels has (side + 2)^2 with its border, rows upwards. Macro: HALF_MAPS, whether
 // values are kept in 16 bits.
 #ifndef GIBENCH_OCTAHEDRAL_MAPS
 #define GIBENCH_OCTAHEDRAL_MAPS
@@ -13,7 +13,7 @@
 // Texels of a map with its border.
 #define MAP_TEXELS(side) (((side) + 2) * ((side) + 2))
 
-#if HALF_STORAGE
+#if HALF_MAPS
 typedef half map_t;
 #define map_load4(i, p) vload_half4(i, p)
 #define map_load2(i, p) vload_half2(i, p)
@@ -59,7 +59,7 @@ inline uint random_bits(uint x)
     return x ^ (x >> 16);
 }
 
-#if HALF_STORAGE
+#if HALF_MAPS
 // Values >= 0 rounded to what fp16 holds, up or down at random so that the mean stays: a moving
 // average moves by less than fp16's step and would stand still if it were rounded to the nearest.
 inline float4 rounded4(float4 v, uint key)

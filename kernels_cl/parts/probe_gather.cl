@@ -8,8 +8,8 @@
 // Macros besides those of parts/probe_volume.cl and parts/octahedral_maps.cl: IRRADIANCE_SIDE and
 // DISTANCE_SIDE (texels of a map's side without its border); DECODE_HALVES (gamma where it is a whole
 // number, else 0) and DECODE (gamma / 2); NORMAL_BIAS, VIEW_BIAS (m), VISIBILITY_FLOOR,
-// CRUSH_THRESHOLD; VEC (1 as published): from 8 on, the weights of the eight probes are computed at
-// once.
+// CRUSH_THRESHOLD (0: weights stay); VEC (1 as published): from 8 on, the weights of the eight probes
+// are computed at once. With PROBE_VISIBILITY 0 there is no Chebyshev test and no distance map.
 //
 // irradiance_maps  per probe (side + 2)^2 texels of 4: (half the mean incoming radiance, weighed by
 //                  the cosine)^(1/gamma), rows upwards; the fourth is not used
@@ -21,15 +21,26 @@
 #include "parts/octahedral_maps.cl"
 #include "parts/probe_volume.cl"
 
+#ifndef PROBE_VISIBILITY
+#define PROBE_VISIBILITY 1
+#endif
+
 #define IRRADIANCE_TEXELS (IRRADIANCE_SIDE * IRRADIANCE_SIDE)
-#define DISTANCE_TEXELS (DISTANCE_SIDE * DISTANCE_SIDE)
 #define IRRADIANCE_MAP MAP_TEXELS(IRRADIANCE_SIDE)
+#if PROBE_VISIBILITY
+#define DISTANCE_TEXELS (DISTANCE_SIDE * DISTANCE_SIDE)
 #define DISTANCE_MAP MAP_TEXELS(DISTANCE_SIDE)
+#endif
 #define LEAST_TRILINEAR 0.001f
 #define LEAST_WEIGHT 1e-6f
 
+#if PROBE_VISIBILITY
 #define MAP_PARAMS __global const map_t *irradiance_maps, __global const map_t *distance_maps
 #define MAP_ARGS irradiance_maps, distance_maps
+#else
+#define MAP_PARAMS __global const map_t *irradiance_maps
+#define MAP_ARGS irradiance_maps
+#endif
 
 // Stored irradiance to the square root of what it stands for. The probes' average is taken of
 // these and squared afterwards (RTXGI-DDGI 1.3.7).
@@ -64,6 +75,7 @@ inline float4 irradiance_root(__global const map_t *irradiance_maps, size_t firs
     return decoded_root(mix(upper, lower, fraction.y));
 }
 
+#if PROBE_VISIBILITY
 // Bilinear mean and mean square of the distance in a probe's map, from its upper left texel on.
 inline float2 distance_moments(__global const map_t *distance_maps, size_t first, float2 fraction)
 {
@@ -73,6 +85,7 @@ inline float2 distance_moments(__global const map_t *distance_maps, size_t first
     const float4 both = mix(map_load4(0, upper), map_load4(0, lower), fraction.y);
     return mix(both.xy, both.zw, fraction.x);
 }
+#endif
 
 #if VEC >= 8
 
@@ -98,18 +111,20 @@ inline float8 eight_trilinear(float alpha, int8 step)
     return fmax(step != (int8)(0) ? (float8)(alpha) : (float8)(1.0f - alpha), LEAST_TRILINEAR);
 }
 
+#if PROBE_VISIBILITY
 // One coordinate of octahedral_encode, as the place among a map's texels that map_corner takes it for.
 inline float8 eight_texels(float8 along, float8 across, float8 z)
 {
     const float8 folded = copysign(1.0f - fabs(across), along);
     return ((z < 0.0f ? folded : along) * 0.5f + 0.5f) * DISTANCE_SIDE + 0.5f;
 }
+#endif
 
 inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float3 bias,
                                   float3 normal)
 {
     const float3 origin = load3(volume, 0), spacing = load3(volume, 1);
-    const int3 last = (int3)(COUNT_X - 1, COUNT_Y - 1, COUNT_Z - 1);
+    const int3 last = (int3)(PROBES_X - 1, PROBES_Y - 1, PROBES_Z - 1);
     const float3 biased = position + bias;
     const int3 base = clamp(convert_int3_rtn((biased - origin) / spacing), (int3)(0), last);
     const float3 alpha = clamp((biased - grid_position(volume, base)) / spacing, 0.0f, 1.0f);
@@ -119,9 +134,9 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
     const int8 step_x = lane & 1, step_y = (lane >> 1) & 1, step_z = lane >> 2;
     const int8 x = eight_cells(base.x, step_x, last.x), y = eight_cells(base.y, step_y, last.y),
                z = eight_cells(base.z, step_z, last.z);
-    const int8 probes = (eight_scrolled(z, scroll_along(volume, 2), COUNT_Z) * COUNT_Y +
-                         eight_scrolled(y, scroll_along(volume, 1), COUNT_Y)) * COUNT_X +
-                        eight_scrolled(x, scroll_along(volume, 0), COUNT_X);
+    const int8 probes = (eight_scrolled(z, scroll_along(volume, 2), PROBES_Z) * PROBES_Y +
+                         eight_scrolled(y, scroll_along(volume, 1), PROBES_Y)) * PROBES_X +
+                        eight_scrolled(x, scroll_along(volume, 0), PROBES_X);
     int probe[8];
     vstore8(probes, 0, probe);
 #define DATA(i) const float4 data##i = probe_data[probe[i]];
@@ -146,6 +161,7 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
                           0.5f;
     float8 weight = facing * facing + 0.2f;
 
+#if PROBE_VISIBILITY
     // The Chebyshev test.
     const float8 from_x = biased.x - at_x, from_y = biased.y - at_y, from_z = biased.z - at_z;
     const float8 meters =
@@ -176,6 +192,7 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
     const float8 behind = meters * (1.0f / max_distance(volume)) - mean;
     const float8 seen = variance / (variance + behind * behind);
     weight *= behind > 0.0f ? fmax(seen * seen * seen, (float)(VISIBILITY_FLOOR)) : (float8)(1.0f);
+#endif
 
     weight = fmax(weight, LEAST_WEIGHT);
     const float8 crushed =
@@ -206,13 +223,44 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
 
 #else
 
+// What a probe counts for a point of a surface, without its trilinear share: how far it is in front
+// of the surface, and what the Chebyshev test leaves of it.
+//   at        where the probe is, m
+//   biased    the point a little off the surface, m
+inline float probe_weight(__global const float *volume, MAP_PARAMS, int probe, float3 at,
+                          float3 position, float3 biased, float3 normal)
+{
+    const float3 to_probe = at - position;
+    const float facing =
+        dot(to_probe, normal) * rsqrt(fmax(dot(to_probe, to_probe), 1e-12f)) * 0.5f + 0.5f;
+    float weight = facing * facing + 0.2f;
+#if PROBE_VISIBILITY
+    const float3 from_probe = biased - at;
+    const float meters = fmax(length(from_probe), 1e-6f);
+    float2 g;
+    const int nearest = map_corner(from_probe / meters, DISTANCE_SIDE, &g);
+    const float2 moments =
+        distance_moments(distance_maps, (size_t)probe * DISTANCE_MAP + nearest, g);
+    const float behind = meters / max_distance(volume) - moments.x;
+    if (behind > 0.0f) {
+        // Chebyshev's inequality bounds how much of the surface the probe sees.
+        const float variance = fabs(moments.x * moments.x - moments.y);
+        const float seen = variance / (variance + behind * behind);
+        weight *= fmax(VISIBILITY_FLOOR, seen * seen * seen);
+    }
+#endif
+    weight = fmax(weight, LEAST_WEIGHT);
+    if (weight < CRUSH_THRESHOLD)
+        weight *= weight * weight * (1.0f / (CRUSH_THRESHOLD * CRUSH_THRESHOLD));
+    return weight;
+}
+
 inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float3 bias,
                                   float3 normal)
 {
     const float3 spacing = load3(volume, 1);
-    const int3 last = (int3)(COUNT_X - 1, COUNT_Y - 1, COUNT_Z - 1);
+    const int3 last = (int3)(PROBES_X - 1, PROBES_Y - 1, PROBES_Z - 1);
     const float3 biased = position + bias;
-    const float longest = max_distance(volume);
     const int3 base = clamp(convert_int3_rtn((biased - load3(volume, 0)) / spacing), (int3)(0), last);
     const float3 alpha = clamp((biased - grid_position(volume, base)) / spacing, 0.0f, 1.0f);
     float2 f;
@@ -228,27 +276,7 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
             continue;
         const float3 at = grid_position(volume, cell) + data.xyz;
         const float3 trilinear = fmax(mix(1.0f - alpha, alpha, convert_float3(step)), LEAST_TRILINEAR);
-        const float3 to_probe = at - position;
-        const float facing =
-            dot(to_probe, normal) * rsqrt(fmax(dot(to_probe, to_probe), 1e-12f)) * 0.5f + 0.5f;
-        float weight = facing * facing + 0.2f;
-
-        const float3 from_probe = biased - at;
-        const float meters = fmax(length(from_probe), 1e-6f);
-        float2 g;
-        const int nearest = map_corner(from_probe / meters, DISTANCE_SIDE, &g);
-        const float2 moments =
-            distance_moments(distance_maps, (size_t)probe * DISTANCE_MAP + nearest, g);
-        const float behind = meters / longest - moments.x;
-        if (behind > 0.0f) {
-            // Chebyshev's inequality bounds how much of the surface the probe sees.
-            const float variance = fabs(moments.x * moments.x - moments.y);
-            const float seen = variance / (variance + behind * behind);
-            weight *= fmax(VISIBILITY_FLOOR, seen * seen * seen);
-        }
-        weight = fmax(weight, LEAST_WEIGHT);
-        if (weight < CRUSH_THRESHOLD)
-            weight *= weight * weight * (1.0f / (CRUSH_THRESHOLD * CRUSH_THRESHOLD));
+        float weight = probe_weight(volume, MAP_ARGS, probe, at, position, biased, normal);
         weight *= trilinear.x * trilinear.y * trilinear.z;
 
         sum += weight * irradiance_root(irradiance_maps, (size_t)probe * IRRADIANCE_MAP + corner, f);

@@ -1,6 +1,6 @@
 // A regular grid of probes: where they are, and which of them hold something.
 //
-// Macros: PROBES, COUNT_X, COUNT_Y, COUNT_Z (probes along each axis).
+// Macros: PROBES, PROBES_X, PROBES_Y, PROBES_Z (probes along each axis).
 //
 // volume      9 floats: origin, spacing (m), scroll (gibench.techniques.parts.probe_volume)
 // probe_data  per probe its offset from the grid (m) and its state (PROBE_ACTIVE and PROBE_BLENDED,
@@ -30,10 +30,10 @@ inline int scroll_along(__global const float *volume, int axis)
 // Where the data of the probe at grid coordinates `c` lie.
 inline int probe_index(__global const float *volume, int3 c)
 {
-    const int x = (c.x + scroll_along(volume, 0)) % COUNT_X;
-    const int y = (c.y + scroll_along(volume, 1)) % COUNT_Y;
-    const int z = (c.z + scroll_along(volume, 2)) % COUNT_Z;
-    return (z * COUNT_Y + y) * COUNT_X + x;
+    const int x = (c.x + scroll_along(volume, 0)) % PROBES_X;
+    const int y = (c.y + scroll_along(volume, 1)) % PROBES_Y;
+    const int z = (c.z + scroll_along(volume, 2)) % PROBES_Z;
+    return (z * PROBES_Y + y) * PROBES_X + x;
 }
 
 inline float3 grid_position(__global const float *volume, int3 c)
@@ -44,10 +44,10 @@ inline float3 grid_position(__global const float *volume, int3 c)
 // Position of a probe on the grid, without its offset.
 inline float3 probe_grid_position(__global const float *volume, int probe)
 {
-    const int x = probe % COUNT_X, y = probe / COUNT_X % COUNT_Y, z = probe / (COUNT_X * COUNT_Y);
-    return grid_position(volume, (int3)((x + COUNT_X - scroll_along(volume, 0)) % COUNT_X,
-                                        (y + COUNT_Y - scroll_along(volume, 1)) % COUNT_Y,
-                                        (z + COUNT_Z - scroll_along(volume, 2)) % COUNT_Z));
+    const int x = probe % PROBES_X, y = probe / PROBES_X % PROBES_Y, z = probe / (PROBES_X * PROBES_Y);
+    return grid_position(volume, (int3)((x + PROBES_X - scroll_along(volume, 0)) % PROBES_X,
+                                        (y + PROBES_Y - scroll_along(volume, 1)) % PROBES_Y,
+                                        (z + PROBES_Z - scroll_along(volume, 2)) % PROBES_Z));
 }
 
 inline int probe_state(__global const float4 *probe_data, int probe)
@@ -64,7 +64,7 @@ inline float3 probe_position(VOLUME_PARAMS, int probe)
 // the next spacing.
 inline float volume_weight(__global const float *volume, float3 position)
 {
-    const float3 counts = (float3)(COUNT_X, COUNT_Y, COUNT_Z);
+    const float3 counts = (float3)(PROBES_X, PROBES_Y, PROBES_Z);
     const float3 at = (position - load3(volume, 0)) / load3(volume, 1) + 0.5f;
     const float3 outside = fmax(fmax(-at, at - counts), 0.0f);
     const float3 share = 1.0f - fmin(outside, 1.0f);

@@ -14,6 +14,14 @@
 
 #include "common/vec.cl"
 
+// packed: PACKED_ROWS rows of PACKED_STRIDE floats, an entry of the grid's lists per column:
+// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries, room for one vector.
+#define PACKED_STRIDE (ENTRIES + 16)
+#define PACKED_ROWS 11
+#define PACKED_RADIUS 6
+#define PACKED_IRRADIANCE 7
+#define PACKED_NEAREST 10
+
 // A surfel's extent along its normal is its radius over this: the Mahalanobis metric's stretch.
 #ifndef NORMAL_STRETCH
 #define NORMAL_STRETCH 4.0f

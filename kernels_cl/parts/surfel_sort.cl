@@ -9,8 +9,8 @@
 //   ids[starts[c + 1] - 1], ascending; beside it `packed` holds what a lookup reads, in list order.
 // An entry that finds no room is dropped; the total tells.
 #include "common/rigid.cl"
-#include "gibs/frame.cl"
 #include "parts/surfel_grid.cl"
+#include "parts/surfels.cl"
 
 // clear_counts: one work-item per cell (published only).
 __kernel void clear_counts(__global uint *ends)
@@ -32,16 +32,13 @@ __kernel void transform_and_count(__global const uint *frame, __global const flo
                                   __global float *radii, __global uint *counts)
 {
     const uint i = get_global_id(0);
-    if (i >= frame[FRAME_ALIVE])
+    if (i >= frame[SURFELS_ALIVE])
         return;
     const uint id = alive_ids[i];
     const Rigid object = rigid_load(transforms, object_ids[id] - 1);
     const float3 position = rigid_point(&object, surfel_load3(local_position, id));
     const float3 normal = rigid_direction(&object, surfel_load3(local_normal, id));
-    const float away = length(position - frame_camera(frame));
-    const float radius = clamp(away * frame_float(frame, FRAME_ANGLE),
-                               frame_float(frame, FRAME_MIN_RADIUS),
-                               frame_float(frame, FRAME_MAX_RADIUS));
+    const float radius = surfel_radius(frame, length(position - surfel_camera(frame)));
     surfel_store3(world_position, id, position);
     surfel_store3(world_normal, id, normal);
     radii[id] = radius;
@@ -76,7 +73,7 @@ __kernel void finalise(__global const uint *frame, __global const float *grid,
                        __global const uint *starts, __global uint *cursors, __global uint *ids)
 {
     const uint i = get_global_id(0);
-    if (i >= frame[FRAME_ALIVE])
+    if (i >= frame[SURFELS_ALIVE])
         return;
     const uint id = alive_ids[i];
     const float3 position = surfel_load3(world_position, id);
@@ -137,7 +134,7 @@ __kernel void sort_lists(__global const uint *starts, __global uint *ids)
 
 // pack_lists: one work-item per cell (tuned only). Copies what a lookup reads of the cell's surfels
 // into list order. mean: (3, CAPACITY) irradiance, W/m2. nearest:
-// (CAPACITY,) least mean depth, m (gibs/depth.cl).
+// (CAPACITY,) least mean depth, m.
 __kernel void pack_lists(__global const uint *starts, __global const uint *ids,
                          __global const float *world_position, __global const float *world_normal,
                          __global const float *radii, __global const float *mean,

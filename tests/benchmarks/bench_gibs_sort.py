@@ -94,7 +94,7 @@ class PyOpenCL:
         macros = {**sorter.defines, "ALL_NEIGHBOURS": 0, "PUBLISHED": 0}
         macros["NORMAL_STRETCH"] = f"{STRETCH}f"
         preamble = "".join(f"#define {k} {v}\n" for k, v in macros.items())
-        preamble += kernel_source("gibs/frame.cl") + kernel_source("parts/surfel_grid.cl")
+        preamble += kernel_source("parts/surfels.cl") + kernel_source("parts/surfel_grid.cl")
         template = r"""//CL//
             void generate(LIST_ARG_DECL USER_ARG_DECL index_type i)
             {

@@ -8,7 +8,7 @@ from gibench.device import Device
 from gibench.profiles import load_profile
 from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.surfel_grid import NEIGHBOURS, SurfelGrid, UniformGrid
-from gibench.techniques.parts.surfels import SurfelGeometry
+from gibench.techniques.parts.surfels import SurfelGeometry, surfel_words
 
 STRETCH = 4.0  # what the tests and benchmarks of sorting use
 BOUNDS = (np.zeros(3), np.array([1.0, 0.7, 0.9]))
@@ -28,10 +28,8 @@ def defines(capacity, grid=None, **others):
 
 
 def frame_words(alive, camera=(0, 0, 0), angle=0.0, least=0.01, most=np.inf, frame=1, rays=0):
-    words = np.zeros(10, np.uint32)
-    words[:4] = alive, frame, rays, 7
-    words[4:] = np.array([*camera, angle, least, most], np.float32).view(np.uint32)
-    return words
+    words = surfel_words(alive, camera, angle, least, most)
+    return np.concatenate([words, np.array([frame, rays, 7], np.uint32)])
 
 
 def geometry(device: Device, position, normal, frame, ids=None, capacity=None, transforms=IDENTITY):

@@ -21,9 +21,10 @@ from gibench.device import (
     writes,
 )
 from gibench.techniques.ddgi.blending import Blending, distance_share
-from gibench.techniques.ddgi.probes import ACTIVE, STORED, Probes
+from gibench.techniques.ddgi.probes import Probes, distance_maps, irradiance_maps
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
+from gibench.techniques.parts.placed_probes import ACTIVE
 from gibench.techniques.parts.shared_passes import with_shadow_rays
 from gibench.techniques.technique import CAMERA_AND_GI, Pass, Work
 
@@ -66,8 +67,8 @@ class DdgiPasses:
     def passes(self) -> list[Pass]:
         """The passes of a frame, in order."""
         p, s = self.probes.volume.probes, self.probes.settings
-        width, shaded = self._map_width, p * s.blended
-        border = 4 * (s.irradiance_texels + 1) * 4 + 4 * (s.distance_texels + 1) * 2
+        shaded = p * s.blended
+        borders = irradiance_maps(s).border_bytes_of(p) + distance_maps(s).border_bytes_of(p)
         pixels = self.scene.width * self.scene.height
         applied = Work(bytes_written=12 * pixels, rays=pixels)
         return [
@@ -102,7 +103,7 @@ class DdgiPasses:
             Pass(
                 "border_copy",
                 self._borders,
-                Work(bytes_read=p * border * width, bytes_written=p * border * width),
+                Work(bytes_read=borders, bytes_written=borders),
             ),
             *self._moving(),
             Pass(
@@ -168,7 +169,7 @@ class DdgiPasses:
     @property
     def _map_width(self) -> int:
         """Bytes of a value in the maps."""
-        return STORED[self.probes.settings.storage].itemsize
+        return irradiance_maps(self.probes.settings).dtype.itemsize
 
     def _moving(self) -> list[Pass]:
         """Relocation, where it is on, and classification: what both read of a probe's fixed rays,
@@ -266,28 +267,16 @@ class DdgiPasses:
 
     def _borders(self) -> Sequence[Launch]:
         p = self.probes
-        program = ProgramSpec("parts/border_copy.cl")
-        launches = []
-        for maps, side in (
-            (p.irradiance, p.settings.irradiance_texels),
-            (p.distance, p.settings.distance_texels),
-        ):
-            words = maps.shape[-1] * maps.dtype.itemsize // 4
-            count = p.volume.probes
-            args = (
-                updates("maps", maps),
-                integer("probes", count),
-                integer("side", side),
-                integer("words", words),
-            )
-            launches.append(Launch(program, "border_copy", args, items=count * 4 * (side + 1)))
-        return launches
+        return [
+            irradiance_maps(p.settings).border_copy(p.irradiance),
+            distance_maps(p.settings).border_copy(p.distance),
+        ]
 
     def _relocation(self) -> Sequence[Launch]:
         p = self.probes
         program = ProgramSpec("ddgi/probes.cl", self._defines())
         args = (
-            reads("volume", p.table),
+            reads("volume", p.placed.table),
             updates("probe_data", p.data),
             reads("directions", p.directions),
             reads("fixed_distance", p.fixed_distance),
@@ -299,7 +288,7 @@ class DdgiPasses:
         p = self.probes
         program = ProgramSpec("ddgi/probes.cl", self._defines())
         args = (
-            reads("volume", p.table),
+            reads("volume", p.placed.table),
             updates("probe_data", p.data),
             reads("directions", p.directions),
             reads("fixed_distance", p.fixed_distance),

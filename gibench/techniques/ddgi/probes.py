@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -11,16 +10,19 @@ from gibench.device import Argument, Buffer, BufferSpec, Device, reads, total_by
 from gibench.device.build import Define
 from gibench.techniques.ddgi.placement import ray_directions
 from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.parts.octahedral_maps import OctahedralMaps
+from gibench.techniques.parts.placed_probes import PlacedProbes
 from gibench.techniques.parts.probe_volume import Volume
 
-# Bits of a probe's state, kernels_cl/parts/probe_gather.cl.
-ACTIVE = 1
-BLENDED = 2
-USABLE = ACTIVE | BLENDED
 
-VOLUME_FLOATS = 9  # kernels_cl/parts/probe_volume.cl
+def irradiance_maps(settings: DdgiSettings) -> OctahedralMaps:
+    """Of every probe (kernels_cl/parts/probe_gather.cl)."""
+    return OctahedralMaps(settings.irradiance_texels, 4, settings.storage)
 
-STORED: dict[str, np.dtype[Any]] = {"fp32": np.dtype("f4"), "fp16": np.dtype("f2")}
+
+def distance_maps(settings: DdgiSettings) -> OctahedralMaps:
+    """Of every probe (kernels_cl/parts/probe_gather.cl)."""
+    return OctahedralMaps(settings.distance_texels, 2, settings.storage)
 
 
 @dataclass
@@ -30,10 +32,8 @@ class Probes:
     Attributes:
         device: where they lie.
         settings: as given.
-        volume: where the probes are now.
+        placed: the volume, and every probe's offset and state.
         seed: of the rays' rotations.
-        table: (9,) float32, the volume as the kernels read it.
-        data: (p, 4) float32 offset in m and state of every probe.
         irradiance: (p, side + 2, side + 2, 4) maps.
         distance: (p, side + 2, side + 2, 2) maps.
         directions: (rays, 3) float32 of this frame.
@@ -47,10 +47,8 @@ class Probes:
 
     device: Device
     settings: DdgiSettings
-    volume: Volume
+    placed: PlacedProbes
     seed: int
-    table: Buffer
-    data: Buffer
     irradiance: Buffer
     distance: Buffer
     directions: Buffer
@@ -69,18 +67,15 @@ class Probes:
             CannotRun: they do not fit the device's profile.
         """
         data = {
-            "volume": volume.table(),
-            "probe_data": new_probes(volume.probes),
+            **PlacedProbes.contents(volume),
             "ray_directions": ray_directions(settings, seed, 0),
         }
         held = device.allocate(Probes.buffers(settings, volume.probes), data)
         return Probes(
             device,
             settings,
-            volume,
+            PlacedProbes.of(device, volume, held),
             seed,
-            table=held["volume"],
-            data=held["probe_data"],
             irradiance=held["irradiance_maps"],
             distance=held["distance_maps"],
             directions=held["ray_directions"],
@@ -95,14 +90,11 @@ class Probes:
     @staticmethod
     def buffers(settings: DdgiSettings, probes: int) -> list[BufferSpec]:
         """The buffers that so many probes take."""
-        p, s, stored = probes, settings, STORED[settings.storage]
-        across, far = s.irradiance_texels + 2, s.distance_texels + 2
-        f32, of = np.float32, BufferSpec.of
+        p, s, f32, of = probes, settings, np.float32, BufferSpec.of
         return [
-            of("volume", VOLUME_FLOATS, f32),
-            of("probe_data", (p, 4), f32),
-            of("irradiance_maps", (p, across, across, 4), stored),
-            of("distance_maps", (p, far, far, 2), stored),
+            *PlacedProbes.buffers(p),
+            irradiance_maps(s).buffer("irradiance_maps", p),
+            distance_maps(s).buffer("distance_maps", p),
             of("ray_directions", (s.rays, 3), f32),
             of("frame_key", 1, np.uint32),
             of("fixed_distance", (p, max(s.fixed, 1)), f32),
@@ -123,9 +115,19 @@ class Probes:
         return self.bytes_of(self.settings, self.volume.probes)
 
     @property
+    def volume(self) -> Volume:
+        """Where the probes are now."""
+        return self.placed.volume
+
+    @property
+    def data(self) -> Buffer:
+        """(p, 4) float32 offset in m and state of every probe."""
+        return self.placed.data
+
+    @property
     def volume_args(self) -> tuple[Argument, ...]:
-        """VOLUME_PARAMS of kernels_cl/parts/probe_gather.cl."""
-        return reads("volume", self.table), reads("probe_data", self.data)
+        """VOLUME_PARAMS of kernels_cl/parts/probe_volume.cl."""
+        return self.placed.args
 
     @property
     def map_args(self) -> tuple[Argument, ...]:
@@ -147,20 +149,16 @@ class Probes:
             lanes: probes whose rays lie side by side (kernels_cl/ddgi/rays.cl).
         """
         s = self.settings
-        x, y, z = self.volume.counts
         whole = s.gamma == int(s.gamma) and s.gamma <= 16
         return {
-            "PROBES": self.volume.probes,
-            "COUNT_X": x,
-            "COUNT_Y": y,
-            "COUNT_Z": z,
+            **self.placed.defines,
             "RAYS": s.rays,
             "FIXED": s.fixed,
             "BLENDED": s.blended,
             "LANES": lanes,
             "IRRADIANCE_SIDE": s.irradiance_texels,
             "DISTANCE_SIDE": s.distance_texels,
-            "HALF_STORAGE": s.storage == "fp16",
+            "HALF_MAPS": s.storage == "fp16",
             "GAMMA": float(s.gamma),
             "DECODE": s.gamma / 2,
             "DECODE_HALVES": int(s.gamma) if whole else 0,
@@ -186,22 +184,4 @@ class Probes:
 
     def scroll_to(self, centre: tuple[float, float, float]) -> None:
         """Move the volume by whole spacings towards ``centre``; probes that enter start anew."""
-        moved = self.volume.scrolled(centre)
-        steps = np.array(moved.scroll) - self.volume.scroll
-        if not steps.any():
-            return
-        self.volume = moved
-        counts = np.array(moved.counts)
-        c = moved.coordinates
-        entered = ((steps > 0) & (c >= counts - steps)) | ((steps < 0) & (c < -steps))
-        data = self.device.read(self.data)
-        data[entered.any(axis=1)] = new_probes(1)
-        self.device.write(self.data, data)
-        self.device.write(self.table, moved.table())
-
-
-def new_probes(count: int) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-    """Data (count, 4) of active probes on the grid that hold nothing yet."""
-    data = np.zeros((count, 4), np.float32)
-    data[:, 3] = ACTIVE
-    return data
+        self.placed.scroll_to(centre)

@@ -10,9 +10,9 @@ import numpy as np
 from gibench.device import Buffer, BufferSpec, Device, total_bytes
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.parts.scan import BlockScan
-from gibench.techniques.parts.surfels import SurfelGeometry
+from gibench.techniques.parts.surfels import SURFEL_WORDS, SurfelGeometry
 
-FRAME_WORDS = 10  # kernels_cl/gibs/frame.cl
+FRAME_WORDS = SURFEL_WORDS + 3  # kernels_cl/gibs/frame.cl
 COUNT_WORDS = 5
 COUNT_ALIVE, COUNT_FREE, COUNT_PLACED, COUNT_RECYCLED = range(4)
 ESTIMATOR_ROWS = 12  # kernels_cl/gibs/estimator.cl
@@ -91,19 +91,7 @@ class Surfels:
         }
         held = device.allocate(Surfels.buffers(settings), data)
         estimator = held["surfel_estimator"]
-        geometry = SurfelGeometry(
-            frame=held["surfel_frame"],
-            alive_ids=held["surfel_alive_ids"],
-            object_ids=held["surfel_object_ids"],
-            transforms=transforms,
-            local_position=held["surfel_local_position"],
-            local_normal=held["surfel_local_normal"],
-            world_position=held["surfel_world_position"],
-            world_normal=held["surfel_world_normal"],
-            radii=held["surfel_radii"],
-            mean=estimator,
-            nearest=held["surfel_nearest"],
-        )
+        geometry = SurfelGeometry.of(held, transforms, estimator)
         return Surfels(
             geometry=geometry,
             estimator=estimator,
@@ -136,15 +124,7 @@ class Surfels:
 
         return [
             floats("estimator", ESTIMATOR_ROWS, n),
-            words("frame", FRAME_WORDS),
-            words("alive_ids", n),
-            BufferSpec.of("surfel_object_ids", n, np.int32),
-            floats("local_position", 3, n),
-            floats("local_normal", 3, n),
-            floats("world_position", 3, n),
-            floats("world_normal", 3, n),
-            floats("radii", n),
-            floats("nearest", n),
+            *SurfelGeometry.buffers(n, FRAME_WORDS),
             words("births", n),
             words("seen", n),
             floats("moments", n if settings.depth_moments else 1, MOMENT_FLOATS),

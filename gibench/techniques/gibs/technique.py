@@ -20,7 +20,6 @@ from gibench.techniques.gibs.surfels import (
     COUNT_FREE,
     COUNT_PLACED,
     COUNT_RECYCLED,
-    FRAME_WORDS,
     Surfels,
     rays_in_frame,
 )
@@ -35,6 +34,7 @@ from gibench.techniques.parts.surfel_grid import (
     SurfelGrid,
     UniformGrid,
 )
+from gibench.techniques.parts.surfels import surfel_words
 from gibench.techniques.registry import PUBLISHED
 from gibench.techniques.technique import CAMERA, GI, FloatArray, Pass, Work
 
@@ -246,11 +246,9 @@ class Gibs:
     def _frame_words(self, camera: Camera) -> npt.NDArray[np.uint32]:
         """What kernels_cl/gibs/frame.cl reads, (10,)."""
         angle = 2 * math.tan(math.radians(camera.fov_degrees) / 2) * self.settings.radius_share
-        words = np.zeros(FRAME_WORDS, np.uint32)
-        words[:4] = self._alive, self._number, self._rays, self._job.seed & 0xFFFFFFFF
-        floats = np.array([*camera.position, angle, self._least, self._most], np.float32)
-        words[4:] = floats.view(np.uint32)
-        return words
+        words = surfel_words(self._alive, camera.position, angle, self._least, self._most)
+        own = [self._number, self._rays, self._job.seed & 0xFFFFFFFF]
+        return np.concatenate([words, np.array(own, np.uint32)])
 
     def _refuse_too_many(self, published: bool) -> None:
         """Refuse more surfels than the profile's budget holds, before anything is allocated."""

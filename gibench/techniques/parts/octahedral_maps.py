@@ -1,11 +1,67 @@
-"""The octahedral map of directions, as ``kernels_cl/common/octahedral.cl`` has it."""
+"""Octahedral maps: a square of texels with a value for every direction.
+
+The mapping as ``kernels_cl/common/octahedral.cl`` has it, and maps on a device, one per probe, as
+``kernels_cl/parts/octahedral_maps.cl`` reads them.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from gibench.device import Buffer, BufferSpec, Launch, ProgramSpec, integer, updates
+
+STORED: dict[str, np.dtype[Any]] = {"fp32": np.dtype("f4"), "fp16": np.dtype("f2")}
+"""How a map's values may be stored."""
+
+
+@dataclass(frozen=True)
+class OctahedralMaps:
+    """Maps of one kind, a map per probe, each with a border of one texel.
+
+    Attributes:
+        side: texels of a map's side without its border.
+        channels: values of a texel; a texel fills whole 32-bit words.
+        storage: a key of :data:`STORED`.
+    """
+
+    side: int
+    channels: int
+    storage: str = "fp32"
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of a value."""
+        return STORED[self.storage]
+
+    @property
+    def texels(self) -> int:
+        """Texels of a map without its border."""
+        return self.side**2
+
+    def buffer(self, name: str, probes: int) -> BufferSpec:
+        """The maps of ``probes`` probes, borders counted: (p, side + 2, side + 2, channels)."""
+        shape = (probes, self.side + 2, self.side + 2, self.channels)
+        return BufferSpec.of(name, shape, self.dtype)
+
+    def border_bytes_of(self, probes: int) -> int:
+        """Bytes of the borders of ``probes`` maps."""
+        return probes * 4 * (self.side + 1) * self.channels * self.dtype.itemsize
+
+    def border_copy(self, maps: Buffer) -> Launch:
+        """The launch that copies borders from the texels they repeat (Majercik et al. 2019)."""
+        probes = maps.shape[0]
+        args = (
+            updates("maps", maps),
+            integer("probes", probes),
+            integer("side", self.side),
+            integer("words", self.channels * self.dtype.itemsize // 4),
+        )
+        program = ProgramSpec("parts/border_copy.cl")
+        return Launch(program, "border_copy", args, items=probes * 4 * (self.side + 1))
 
 
 def octahedral_decode(square: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles, Floats
+from gibench.device.build import Define
 from gibench.errors import BadInput
 from gibench.scene.model import Scene
 
@@ -43,6 +44,12 @@ class Volume:
     def probes(self) -> int:
         """Number of probes."""
         return math.prod(self.counts)
+
+    @property
+    def defines(self) -> dict[str, Define]:
+        """Macros of kernels_cl/parts/probe_volume.cl."""
+        x, y, z = self.counts
+        return {"PROBES": self.probes, "PROBES_X": x, "PROBES_Y": y, "PROBES_Z": z}
 
     @property
     def coordinates(self) -> npt.NDArray[np.int64]:

@@ -15,8 +15,8 @@ from gibench.device import Buffer, Device, Launch, ProgramSpec, reads, updates, 
 from gibench.techniques.parts.scan import BlockScan, WaveScan, wave_of
 from gibench.techniques.parts.surfels import SurfelGeometry
 
-PACKED_ROWS = 11  # kernels_cl/gibs/frame.cl
-PACKED_PADDING = 16  # kernels_cl/gibs/frame.cl, PACKED_STRIDE
+PACKED_ROWS = 11  # kernels_cl/parts/surfel_grid.cl
+PACKED_PADDING = 16  # kernels_cl/parts/surfel_grid.cl, PACKED_STRIDE
 NEIGHBOURS = 27  # cells a surfel goes into as published (Ekberg 2022, section 4.2.1)
 PERSPECTIVE_NEAR = 0.1  # half the inner cube's side, share of the scene's diagonal; our choice
 
