@@ -51,7 +51,7 @@ def test_wheel_runs_from_another_folder(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
     for name in ("samples.csv", "passes.csv", "frames.csv", "report.md", "run.json"):
         assert (elsewhere / "out" / name).stat().st_size > 0
-    assert "forward_render" in (elsewhere / "out" / "passes.csv").read_text()
+    assert "camera" in (elsewhere / "out" / "passes.csv").read_text()
     assert str(ROOT) not in (elsewhere / "out" / "run.json").read_text()
 
 

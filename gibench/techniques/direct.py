@@ -11,13 +11,8 @@ import numpy as np
 from gibench.device import Device
 from gibench.scene.model import Scene
 from gibench.techniques.job import Job, World
+from gibench.techniques.parts.camera_pass import camera_pass, rendered, suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
-from gibench.techniques.parts.macros import SHOW_DIRECT
-from gibench.techniques.parts.shared_passes import (
-    forward_render,
-    rendered,
-    suits_packets,
-)
 from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec
 from gibench.techniques.technique import FloatArray, Pass
 
@@ -55,7 +50,7 @@ class Direct:
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""
-        return [forward_render(self.scene, packets=self._packets)]
+        return [camera_pass(self.scene, packets=self._packets)]
 
     def begin_frame(self, frame: int) -> None:
         """Move lights and camera."""
@@ -63,9 +58,7 @@ class Direct:
 
     def images(self) -> dict[str, FloatArray]:
         """The frame, (h, w, 3) W/m2/sr."""
-        return {
-            "frame": rendered(self.scene, self._workgroup_size, SHOW_DIRECT, packets=self._packets)
-        }
+        return {"frame": rendered(self.scene, self._workgroup_size, packets=self._packets)}
 
     def indirect_irradiance(self) -> FloatArray:
         """Zeros (n, 3): it computes none."""

@@ -16,6 +16,11 @@
 //                      without texture
 // texels               sRGB-encoded colours of all textures, rows from the top
 // srgb_to_linear       (256,) what an encoded byte means
+// SHAPE_PARAMS is what tells a surface's shape alone.
+#define SHAPE_PARAMS                                                     \
+    __global const float *positions, __global const float *normals, \
+        __global const int *triangles
+#define SHAPE_ARGS positions, normals, triangles
 #define SURFACE_PARAMS                                                                       \
     __global const float *positions, __global const float *normals, __global const float *uvs, \
         __global const int *triangles, __global const int *material_ids,                       \
@@ -74,7 +79,8 @@ inline int3 material_texture(__global const int *material_textures, int id, int 
     return vload3(MATERIAL_SLOTS * id + slot, material_textures);
 }
 
-inline Surface surface_at(SURFACE_PARAMS, Hit hit)
+// The surface's shape at a hit; albedo and emission are left out.
+inline Surface surface_shape(SHAPE_PARAMS, Hit hit)
 {
     Surface s;
     const int3 c = vload3(hit.triangle, triangles);
@@ -84,11 +90,19 @@ inline Surface surface_at(SURFACE_PARAMS, Hit hit)
     s.geometric_normal = normalize(cross(p1 - p0, p2 - p0));
     s.normal = normalize(w * load3(normals, c.x) + hit.u * load3(normals, c.y) +
                          hit.v * load3(normals, c.z));
+    return s;
+}
+
+inline Surface surface_at(SURFACE_PARAMS, Hit hit)
+{
+    Surface s = surface_shape(SHAPE_ARGS, hit);
     const int id = material_ids[hit.triangle];
     s.albedo = material_color(materials, id, MATERIAL_BASE_COLOR);
     s.emission = material_color(materials, id, MATERIAL_EMISSION);
     const int3 image = material_texture(material_textures, id, MATERIAL_BASE_COLOR_TEXTURE);
     if (image.x >= 0) {
+        const int3 c = vload3(hit.triangle, triangles);
+        const float w = 1.0f - hit.u - hit.v;
         const float2 uv = w * vload2(c.x, uvs) + hit.u * vload2(c.y, uvs) + hit.v * vload2(c.z, uvs);
         s.albedo *= texture_bilinear(texels + image.x, image.y, image.z, uv, srgb_to_linear);
     }

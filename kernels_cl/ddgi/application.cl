@@ -2,51 +2,21 @@
 // little spheres that show the probes themselves.
 #include "common/bvh.cl"
 #include "common/camera.cl"
-#include "common/environment.cl"
-#include "common/lights.cl"
 #include "common/material.cl"
 #include "common/pixels.cl"
-#include "common/sampling.cl"
 #include "common/shade.cl"
 #include "parts/probe_gather.cl"
 
-// application: one work-item per pixel, in tiled order (common/pixels.cl).
-//   radiance = emission + albedo / pi (direct + gathered irradiance), the environment on a miss,
-//   black on a surface's back.
-// image: (height, width, 3) W/m2/sr. show: sum of SHOW_DIRECT and SHOW_INDIRECT.
-__kernel void application(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
-                          __global const float *camera, int width, int height, VOLUME_PARAMS,
-                          MAP_PARAMS, int show, __global float *image)
+// What application looks up at a pixel: the probes' irradiance, W/m2.
+#define LOOKUP_PARAMS SHAPE_PARAMS, VOLUME_PARAMS, MAP_PARAMS
+#define LOOKUP_ARGS SHAPE_ARGS, VOLUME_ARGS, MAP_ARGS
+inline float3 looked_up(LOOKUP_PARAMS, Hit hit, float3 direction)
 {
-    const int2 pixel = tiled_pixel(get_global_id(0), width);
-    if (pixel.x >= width || pixel.y >= height)
-        return;
-    const Ray ray = primary_ray(camera, pixel, width, height);
-    const Hit hit = bvh_closest(BVH_ARGS, ray.origin, ray.direction, INFINITY);
-    float3 radiance = (float3)(0.0f);
-    if (hit.triangle < 0) {
-        if (show & SHOW_DIRECT)
-            radiance = environment_radiance(ENVIRONMENT_ARGS, ray.direction);
-    } else {
-        const Surface s = surface_at(SURFACE_ARGS, hit);
-        if (dot(s.geometric_normal, ray.direction) < 0.0f) {
-            float3 irradiance = (float3)(0.0f);
-            if (show & SHOW_DIRECT) {
-                radiance = s.emission;
-                const float3 seen = back_along_ray(s.position, ray.direction);
-                irradiance =
-                    direct_irradiance(BVH_ARGS, LIGHT_ARGS, seen, s.normal, s.geometric_normal);
-            }
-            if (show & SHOW_INDIRECT) {
-                const float3 bias = surface_bias(s.geometric_normal, -ray.direction);
-                irradiance +=
-                    gathered_irradiance(VOLUME_ARGS, MAP_ARGS, s.position, bias, s.normal);
-            }
-            radiance = with_reflected(radiance, s.albedo, irradiance);
-        }
-    }
-    store3(image, (size_t)pixel.y * width + pixel.x, radiance);
+    const Surface s = surface_shape(SHAPE_ARGS, hit);
+    return gathered_irradiance(VOLUME_ARGS, MAP_ARGS, s.position,
+                               surface_bias(s.geometric_normal, -direction), s.normal);
 }
+#include "parts/apply.cl"
 
 // receiver_irradiance: one work-item per receiver; irradiance: (count, 3) W/m2.
 //   The gather where no camera looks: as seen along the normal.

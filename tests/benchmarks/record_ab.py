@@ -45,7 +45,7 @@ COLUMNS = (
     *("seconds", "load_average"),
 )
 CASES = {"same": 0.0, "slower10": 0.10, "slower25": 0.25}
-SLOWED = "forward_render"
+SLOWED = "camera"
 HEAD, BODY = f"__kernel void {SLOWED}(", "\n{\n"
 EXTRA = """    // Extra arithmetic, to be found as a regression: a chain of {turns} multiply-adds.
     float extra = (float)get_global_id(0);

@@ -23,7 +23,7 @@ SMALL = (
 )
 SRP_PASSES = [
     *("lightmap_update", "probe_update", "cluster_projection"),
-    *("irradiance_transport", "dilate", "forward_render"),
+    *("irradiance_transport", "dilate", "camera", "application"),
 ]
 
 

@@ -126,6 +126,14 @@ EXPLAINED: dict[tuple[str, str, str, str], tuple[float, float, str]] = {
         *(10.0, 18.0),
         SHARED + "eight texels read a neighbour, and each whether it is valid",
     ),
+    ("srp", "", "application", "flops"): (
+        *(1.3, 1.55),
+        "a pixel's direction, of no use to this lookup, unless the compiler leaves it out",
+    ),
+    ("srp", "", "application", "bytes_read"): (
+        *(4.3, 5.3),
+        SHARED + "the triangles' places in the atlas, the map's texels",
+    ),
     # -- GIBS ----------------------------------------------------------------------------------
     ("gibs", "", "transform_and_count", "flops"): (0.7, 1.0, CHANNELS),
     ("gibs", "", "transform_and_count", "bytes_read"): (
@@ -151,7 +159,7 @@ EXPLAINED: dict[tuple[str, str, str, str], tuple[float, float, str]] = {
     ),
     ("gibs", "", "irradiance", "flops"): (0.6, 0.95, CHANNELS),
     ("gibs", "", "irradiance", "bytes_written"): (1.4, 2.4, HANDED + ": requests, rays, light"),
-    ("gibs", "", "gbuffer", "bytes_written"): (1.15, 1.25, AGAIN),
+    ("gibs", "", "camera", "bytes_written"): (1.05, 1.2, AGAIN),
     ("gibs", "tuned", "application", "flops"): (
         *(10.0, 20.0),
         "a pixel goes through its cell's list; one of its surfels is declared",
@@ -227,6 +235,11 @@ EXPLAINED: dict[tuple[str, str, str, str], tuple[float, float, str]] = {
     ("ddgi", "tuned", "blend_distance", "bytes_written"): (
         *(1.2, 2.2),
         HANDED + ": the lists, for few probes here",
+    ),
+    ("ddgi", "", "application", "flops"): (0.75, 0.95, CHANNELS),
+    ("ddgi", "", "application", "bytes_read"): (
+        *(22.0, 34.0),
+        SHARED + "the volume, the maps of the eight probes around a pixel, a triangle's corners",
     ),
     ("ddgi", "", "relocation", "flops"): (1.0, 2.4, "and the step of the probes that move"),
     ("ddgi", "", "relocation", "bytes_read"): (1.1, 1.6, SHARED + "spacing and directions"),

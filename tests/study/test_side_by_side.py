@@ -22,14 +22,21 @@ from gibench.study.switched import LightSwitch, switched
 
 KEY = {"scene": "s", "technique": "ddgi", "budget": 50, "profile": "p"}
 PASSES = {
-    "ddgi": ("probe_trace", "probe_shade", "blend_irradiance", "border_copy", "application"),
-    "gibs": ("irradiance", "prefix_sum", "placement", "gbuffer", "application"),
+    "ddgi": (
+        "probe_trace",
+        "probe_shade",
+        "blend_irradiance",
+        "border_copy",
+        "camera",
+        "application",
+    ),
+    "gibs": ("irradiance", "prefix_sum", "placement", "camera", "application"),
 }
 
 
 def samples_of(technique, rng, frames=7):
     """Samples with random times, of two keys, in random order; and the times by (when, frame)."""
-    names = (*PASSES[technique], "(frame)", *(("(camera)",) if technique == "ddgi" else ()))
+    names = (*PASSES[technique], "(frame)")
     rows, times = [], {}
     for budget in (50, 100):
         for when in (AT_REST, MOVED):
@@ -58,15 +65,13 @@ def test_ekbergs_columns_are_medians_of_the_samples(rng, technique):
     for row in rows:
         mine = [drawn for (when, _), drawn in times.items() if when == row["when"]]
         if technique == "ddgi":
-            camera = np.array([t["(camera)"] for t in mine])
             rays = np.array([t["probe_trace"] + t["probe_shade"] for t in mine])
-            application = np.array([t["application"] for t in mine]) - camera
             rest = np.array([t["blend_irradiance"] + t["border_copy"] for t in mine])
         else:
-            camera = np.array([t["gbuffer"] for t in mine])
             rays = np.array([t["irradiance"] for t in mine])
-            application = np.array([t["application"] for t in mine])
             rest = np.array([t["prefix_sum"] + t["placement"] for t in mine])
+        camera = np.array([t["camera"] for t in mine])
+        application = np.array([t["application"] for t in mine])
         for name, values in (
             ("ray_casting_ms", rays),
             ("application_ms", application),

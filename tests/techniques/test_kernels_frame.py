@@ -5,15 +5,14 @@ import pytest
 from support.shading_oracle import direct_irradiance, open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
+from gibench.techniques.parts.camera_pass import camera_launch
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.lightmap_lookup import lightmap_application
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.material_table import srgb_codes, srgb_to_linear
-from gibench.techniques.parts.shared_passes import (
-    dilate,
-    forward_launch,
-    lightmap_update,
-)
+from gibench.techniques.parts.shared_passes import dilate, lightmap_update
 
 SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
 
@@ -25,7 +24,7 @@ def run(device, launches, workgroup_size):
 
 @pytest.mark.parametrize("packets", [False, True])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_forward_render(seed, packets):
+def test_camera_and_application(seed, packets):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng)
     lightmap = random_lightmap(rng, scene, 200, 23, 17)
@@ -37,6 +36,8 @@ def test_forward_render(seed, packets):
     shared = FrameScene(device, scene, width, height, scene.cameras[0])
     receivers = FrameLightmap.upload(device, lightmap)
     indirect = device.upload("values", values)
+    hits = HitBuffer.create(device, width, height)
+    applied = lightmap_application(shared, hits, receivers, indirect, packets)
     shared.begin_frame(frame)
     wanted = {
         SHOW_DIRECT: expected.direct,
@@ -45,7 +46,9 @@ def test_forward_render(seed, packets):
     }
     images = []
     for size, (show, image) in zip((7, 64, 100), wanted.items(), strict=True):
-        run(device, [forward_launch(shared, receivers, indirect, show, packets)], size)
+        run(device, [camera_launch(shared, hits, packets=packets)], size)
+        if show != SHOW_DIRECT:
+            run(device, [applied.launch(show)], size)
         found = device.read(shared.image)
         np.testing.assert_allclose(
             found[expected.certain], image[expected.certain], rtol=2e-4, atol=2e-5
@@ -53,9 +56,17 @@ def test_forward_render(seed, packets):
         images.append(found)
     assert images[0].max() > 0.5
     assert images[1].max() > 0.05
-    # Built without a lightmap it shows the direct light, whatever it is asked for.
-    run(device, [forward_launch(shared, packets=packets)], 1)
+    drawn = applied.images(64)
+    for title, image in zip(("direct only", "indirect only", "frame"), images, strict=True):
+        np.testing.assert_array_equal(drawn[title], image)
+    # Nothing but the direct light is left of it where that alone is asked for.
+    run(device, [camera_launch(shared, hits, packets=packets), applied.launch(SHOW_DIRECT)], 1)
     np.testing.assert_array_equal(device.read(shared.image), images[0])
+    # What is kept besides changes no pixel.
+    run(device, [camera_launch(shared, packets=packets)], 1)
+    np.testing.assert_array_equal(device.read(shared.image), images[0])
+    surfaces = hits.surfaces()
+    assert np.count_nonzero(images[1].any(axis=2)) <= surfaces < width * height
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -268,7 +268,7 @@ def test_a_run_whose_objects_move(tmp_path, file, capsys):
     assert code == 0
     samples = pd.read_csv(out / "samples.csv")
     assert set(samples["technique"]) == {"direct"}
-    assert list(dict.fromkeys(samples["pass"]))[:4] == [*MOVES, "forward_render"]
+    assert list(dict.fromkeys(samples["pass"]))[:4] == [*MOVES, "camera"]
     record = json.loads((out / "run.json").read_text())
     assert record["motion"]["path"] == record["arguments"]["motion"] == "motion.toml"
     assert len(record["motion"]["motions_hash"]) == 64

@@ -10,8 +10,8 @@ from support.synthetic_bake import random_lightmap, random_scene
 
 from gibench.device import Launch, ProgramSpec, RayCounts, count_rays, integer, updates
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-from gibench.techniques.parts.macros import SHOW_DIRECT, TILE_SIDE
-from gibench.techniques.parts.shared_passes import forward_launch
+from gibench.techniques.parts.camera_pass import camera_launch
+from gibench.techniques.parts.macros import TILE_SIDE
 from gibench.techniques.registry import BakeContext, find_technique
 from gibench.techniques.technique import Pass, Technique
 
@@ -32,7 +32,7 @@ def direct(tmp_path):
 def test_frame_is_the_direct_light(direct):
     assert isinstance(direct, Technique)
     prepared = prepare_passes(direct, 64)
-    assert [one.name for one in prepared] == ["forward_render"]
+    assert [one.name for one in prepared] == ["camera"]
     enqueue_frame(direct, prepared, 17)
     image = direct.device.read(direct.scene.image)
     expected = render(direct.scene.scene, 17, 40, 30)
@@ -113,7 +113,7 @@ def test_shadow_rays_are_counted_after_a_frame(direct, size):
 def test_every_pixels_rays_are_counted(direct):
     direct.begin_frame(17)
     expected = render(direct.scene.scene, 17, 40, 30)
-    launch = forward_launch(direct.scene, show=SHOW_DIRECT)
+    launch = camera_launch(direct.scene)
     # Work-items visit the pixels in squares, within them along a Morton curve.
     tile, code = np.divmod(np.arange(launch.items), TILE_SIDE**2)
     x = tile % 5 * TILE_SIDE + sum((code >> 2 * bit & 1) << bit for bit in range(3))
@@ -135,7 +135,7 @@ def test_packets_count_the_same_rays(direct):
     direct.begin_frame(17)
     device = direct.device
     rays = [
-        count_rays(device, forward_launch(direct.scene, show=SHOW_DIRECT, packets=packets), 16)
+        count_rays(device, camera_launch(direct.scene, packets=packets), 16)
         for packets in (False, True)
     ]
     assert rays[0] == rays[1]

@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from gibench.measure.session.enqueue import PreparedPass
-from gibench.measure.session.session import Session, refuse_missing
+from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
@@ -26,10 +25,8 @@ from gibench.study.experiments.common import (
 )
 from gibench.study.rows import Rows
 from gibench.techniques.camera_path import FLIGHT, FlightOptions
-from gibench.techniques.ddgi import Ddgi
 from gibench.techniques.gibs import Gibs
 from gibench.techniques.job import Job
-from gibench.techniques.parts.shared_passes import forward_render
 from gibench.techniques.technique import Technique
 
 _IMAGE = (1920, 1080)
@@ -39,17 +36,16 @@ AT_REST, MOVED = "at rest", "after the flight"
 RAYS, APPLICATION, REST, CAMERA = "ray_casting_ms", "application_ms", "rest_ms", "camera_ms"
 TOTAL, FRAME = "total_ms", "frame_ms"
 _FRAME: Final = "(frame)"  # the host's time, among the samples of passes
-_CAMERA: Final = "(camera)"  # DDGI's primary rays and direct light once more, alone
 # Ekberg's columns. What is not named is 'rest'; the camera's own image is in none of them.
 _COLUMN_OF: Mapping[str, Mapping[str, str]] = {
     "ddgi": {
         "probe_trace": RAYS,
         "probe_shade": RAYS,
         "application": APPLICATION,
-        _CAMERA: CAMERA,
+        "camera": CAMERA,
         _FRAME: FRAME,
     },
-    "gibs": {"irradiance": RAYS, "application": APPLICATION, "gbuffer": CAMERA, _FRAME: FRAME},
+    "gibs": {"irradiance": RAYS, "application": APPLICATION, "camera": CAMERA, _FRAME: FRAME},
 }
 _TIMES = (RAYS, APPLICATION, REST, TOTAL, CAMERA, FRAME)
 _SAMPLE = (
@@ -172,14 +168,11 @@ def _run(
         progress(f"{label} rays a frame", frames) as advance,
     ):
         session.prepare(whole=True)
-        camera = _camera(session)
         for frame in range(frames):
             times = session.frame(frame)
             when = _when(frame, sizes)
             if when is not None:
                 passes = {**times.pass_ms, _FRAME: times.wall_ms}
-                if camera is not None:
-                    passes[_CAMERA] = session.pass_ms(camera)
                 facts = {
                     "when": when,
                     "frame": frame,
@@ -200,19 +193,6 @@ def _when(frame: int, sizes: _Sizes) -> str | None:
     if sizes.settle <= frame < sizes.settle + sizes.timed:
         return AT_REST
     return MOVED if sizes.flown.frames <= frame < sizes.flown.frames + sizes.timed else None
-
-
-def _camera(session: Session) -> PreparedPass | None:
-    """DDGI's application finds what the camera sees itself; that alone, to tell the two apart.
-
-    Raises:
-        CannotRun: the profile or device forbids it.
-    """
-    if not isinstance(session.technique, Ddgi):
-        return None
-    camera = session.prepared_pass(forward_render(session.technique.scene))
-    refuse_missing([camera])
-    return camera
 
 
 def _sizes_now(technique: Technique) -> dict[str, float]:
@@ -242,8 +222,6 @@ def rows_of(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any
     rows = []
     for when, group in mine.groupby("when", sort=False):
         frames = group.pivot_table(index="frame", columns="column", values="time_ms", aggfunc="sum")
-        if key["technique"] == "ddgi":
-            frames[APPLICATION] -= frames[CAMERA]
         frames[TOTAL] = frames[RAYS] + frames[APPLICATION] + frames[REST]
         last = group.iloc[-1]
         rows.append(
@@ -303,10 +281,9 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             "*ray casting* is `probe_trace` and `probe_shade`, or `irradiance` (with the surfels' "
             "estimator, which Ekberg's kernel holds too); *application* is the light on every "
             "pixel; *rest* is every other pass but *camera*: primary rays and direct light, which "
-            "Ekberg does not count either. DDGI's `application` does both in one pass: the "
-            "camera's part, run once more alone after the same frame, is taken off. *frame* is all "
-            "of it by the host's clock. Each column is a median of its own over the frames in "
-            "`ray-budget-samples.csv`, so they add up only nearly.",
+            "Ekberg does not count either. *frame* is all of it by the host's clock. Each column "
+            "is a median of its own over the frames in `ray-budget-samples.csv`, so they add up "
+            "only nearly.",
             markdown(shown.rename(columns=_heading), {_heading(n): f for n, f in formats.items()}),
             "![ray budget](ray-budget.png)",
             "The last timed frame of each is beneath `images/`.",

@@ -22,13 +22,20 @@ from gibench.device import (
 )
 from gibench.techniques.ddgi.blending import Blending, distance_share
 from gibench.techniques.ddgi.probes import Probes, distance_maps, irradiance_maps
+from gibench.techniques.parts.camera_pass import Application, lookup_defines
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.macros import tiled_pixels
 from gibench.techniques.parts.placed_probes import ACTIVE
-from gibench.techniques.parts.shared_passes import with_shadow_rays
-from gibench.techniques.technique import CAMERA_AND_GI, Pass, Work
+from gibench.techniques.technique import Pass, Work
 
 SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
+
+# At a pixel: its ray (30), its surface's shape (65), the bias and the place in the grid (40), the
+# texel of its normal (18) and what the mean becomes in the end (37). For each of eight probes: its
+# place (12), the weights by distance and by side (31), the Chebyshev test with its texel and four
+# moments (57), both put together (7), and four texels of irradiance, decoded and added (44).
+_LOOKUP_FLOPS = 190.0 + 8 * 151
 
 
 class DdgiPasses:
@@ -52,6 +59,13 @@ class DdgiPasses:
         groups = self.groups_of(probes, workgroup_size)
         self._sums = probes.device.upload("variability_sums", np.zeros(groups, np.float32))
         self._counts = probes.device.upload("variability_counts", np.zeros(groups, np.uint32))
+        self.application = Application(
+            scene=scene,
+            hits=HitBuffer.create(probes.device, scene.width, scene.height),
+            program=self._application_program(),
+            args=(*scene.surfaces.shape_args, *probes.volume_args, *probes.map_args),
+            flops=_LOOKUP_FLOPS,
+        )
 
     @staticmethod
     def groups_of(probes: Probes, workgroup_size: int) -> int:
@@ -62,15 +76,14 @@ class DdgiPasses:
     @property
     def nbytes(self) -> int:
         """Bytes of device memory it takes itself."""
-        return 8 * self.groups_of(self.probes, self.workgroup_size)
+        hits = HitBuffer.bytes_of(self.scene.width, self.scene.height)
+        return hits + 8 * self.groups_of(self.probes, self.workgroup_size)
 
     def passes(self) -> list[Pass]:
         """The passes of a frame, in order."""
         p, s = self.probes.volume.probes, self.probes.settings
         shaded = p * s.blended
         borders = irradiance_maps(s).border_bytes_of(p) + distance_maps(s).border_bytes_of(p)
-        pixels = self.scene.width * self.scene.height
-        applied = Work(bytes_written=12 * pixels, rays=pixels)
         return [
             Pass(
                 "probe_trace",
@@ -112,13 +125,7 @@ class DdgiPasses:
                 self._averaged(p),
                 lambda size: self._averaged(self._active()),
             ),
-            Pass(
-                "application",
-                lambda: [self.application()],
-                applied,
-                with_shadow_rays(self.scene, applied),
-                CAMERA_AND_GI,
-            ),
+            *self.application.passes(),
         ]
 
     def _active(self) -> int:
@@ -185,22 +192,9 @@ class DdgiPasses:
         found = [Pass("classification", self._classification, classified)]
         return [Pass("relocation", self._relocation, moved), *found] if s.relocation else found
 
-    def application(self, show: int = SHOW_DIRECT | SHOW_INDIRECT) -> Launch:
-        """The launch that renders the camera image with the probes' light."""
-        program = self.scene.program("ddgi/application.cl", self._defines())
-        args: tuple[Argument, ...] = (
-            *self._shading_args,
-            *self.scene.camera_args,
-            *self.probes.volume_args,
-            *self.probes.map_args,
-            integer("show", show),
-            writes("image", self.scene.image),
-        )
-        return Launch(program, "application", args, items=self._tiled_pixels)
-
     def receivers(self, position: Buffer, normal: Buffer, irradiance: Buffer) -> Launch:
         """The launch that gathers irradiance at points (n, 3) with normals (n, 3)."""
-        program = self.scene.program("ddgi/application.cl", self._defines())
+        program = self._application_program()
         count = position.shape[0]
         args: tuple[Argument, ...] = (
             *self.probes.volume_args,
@@ -214,7 +208,7 @@ class DdgiPasses:
 
     def probe_view(self, radius: float) -> Launch:
         """The launch that draws the probes over the image as spheres of ``radius``, m."""
-        program = self.scene.program("ddgi/application.cl", self._defines())
+        program = self._application_program()
         args: tuple[Argument, ...] = (
             *self.scene.bvh_args,
             *self.scene.camera_args,
@@ -224,6 +218,10 @@ class DdgiPasses:
             updates("image", self.scene.image),
         )
         return Launch(program, "probe_view", args, items=self._tiled_pixels)
+
+    def _application_program(self) -> ProgramSpec:
+        defines = {**self._defines(), **lookup_defines(self.scene.device)}
+        return self.scene.program("ddgi/application.cl", defines)
 
     @property
     def _tiled_pixels(self) -> int:

@@ -15,9 +15,7 @@ from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.probe_volume import Volume
-from gibench.techniques.parts.shared_passes import rendered
 from gibench.techniques.registry import TUNED
 from gibench.techniques.technique import FloatArray, Pass
 
@@ -79,14 +77,7 @@ class Ddgi:
 
     def images(self) -> dict[str, FloatArray]:
         """The frame, its direct and its indirect part, and the probes, (h, w, 3) W/m2/sr."""
-        launches = {
-            "frame": self._passes.application(SHOW_DIRECT | SHOW_INDIRECT),
-            "indirect only": self._passes.application(SHOW_INDIRECT),
-        }
-        images = {title: self._drawn(launch) for title, launch in launches.items()}
-        size = self._job.group_size
-        images["direct only"] = rendered(self.scene, size, SHOW_DIRECT)
-        self.device.write(self.scene.image, images["frame"])
+        images = self._passes.application.images(self._job.group_size)
         radius = _RADIUS_SHARE * min(self.probes.volume.spacing)
         images["probes"] = self._drawn(self._passes.probe_view(radius))
         return images

@@ -27,10 +27,11 @@ from gibench.device import (
 from gibench.scene.model import Scene
 from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
+from gibench.techniques.parts.camera_pass import camera_pass
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.macros import tiled_pixels
+from gibench.techniques.parts.macros import GBUFFER_SURFACE, tiled_pixels
 from gibench.techniques.parts.surfel_grid import SurfelGrid
-from gibench.techniques.technique import Work
+from gibench.techniques.technique import Pass, Work
 
 PLACEMENT_TILE = 16  # kernels_cl/gibs/life.cl
 COVERAGE_STEPS = 4096
@@ -77,6 +78,25 @@ class CameraView:
             least=held["tile_least"],
             object_of=held["triangle_objects"],
         )
+
+    @property
+    def layout(self) -> int:
+        """The value of the macro GBUFFER."""
+        return GBUFFER_SURFACE
+
+    @property
+    def args(self) -> tuple[Argument, ...]:
+        """KEPT_PARAMS of kernels_cl/parts/gbuffer.cl."""
+        return (
+            reads("object_of", self.object_of),
+            writes("g_position", self.position),
+            writes("g_normal", self.normal),
+            writes("g_albedo", self.albedo),
+        )
+
+    def bytes_written(self) -> float:
+        """What the camera pass writes of it."""
+        return float(self.position.nbytes + self.normal.nbytes + self.albedo.nbytes)
 
     @staticmethod
     def buffers(triangles: int, width: int, height: int) -> list[BufferSpec]:
@@ -240,22 +260,9 @@ class FramePasses:
         traced = count_rays(self.scene.device, self._trace(), workgroup_size)
         return replace(work, rays=work.rays + traced.occluded)
 
-    def gbuffer(self) -> list[Launch]:
-        """Primary rays and direct light."""
-        v = self.view
-        args = (
-            *self.scene.bvh_args,
-            *self.scene.surface_args,
-            *self.scene.light_args,
-            *self.scene.environment_args,
-            *self.scene.camera_args,
-            reads("object_of", v.object_of),
-            writes("g_position", v.position),
-            writes("g_normal", v.normal),
-            writes("g_albedo", v.albedo),
-            writes("direct", v.direct),
-        )
-        return [Launch(self._program("application"), "gbuffer", args, items=self.pixel_items)]
+    def camera(self) -> Pass:
+        """Primary rays and direct light, and the surfaces that the surfels are placed on."""
+        return camera_pass(self.scene, self.view, self.view.direct)
 
     def application(self) -> list[Launch]:
         """The surfels' light on every pixel, and their coverage of it."""

@@ -26,7 +26,6 @@ from gibench.techniques.gibs.surfels import (
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
-from gibench.techniques.parts.shared_passes import with_shadow_rays
 from gibench.techniques.parts.surfel_grid import (
     NEIGHBOURS,
     Grid,
@@ -36,7 +35,7 @@ from gibench.techniques.parts.surfel_grid import (
 )
 from gibench.techniques.parts.surfels import surfel_words
 from gibench.techniques.registry import PUBLISHED
-from gibench.techniques.technique import CAMERA, GI, FloatArray, Pass, Work
+from gibench.techniques.technique import FloatArray, Pass, Work
 
 
 class Gibs:
@@ -119,7 +118,6 @@ class Gibs:
             "prefix_sum": self.grid.prefix_sum,
             "finalise": lambda: self.grid.finalise(alive),
             "irradiance": p.irradiance,
-            "gbuffer": p.gbuffer,
             "application": p.application,
             "coverage": p.coverage,
             "placement": p.placement,
@@ -129,16 +127,14 @@ class Gibs:
         def counted(name: str) -> Callable[[int], Work]:
             def told(size: int) -> Work:
                 now = self._work()[name]
-                if name == "gbuffer":
-                    return with_shadow_rays(self.scene, now)(size)
                 return p.with_shadow_rays(now, size) if name == "irradiance" else now
 
             return told
 
-        return [
-            Pass(name, build, work[name], counted(name), CAMERA if name == "gbuffer" else GI)
-            for name, build in launches.items()
-        ]
+        own = [Pass(name, build, work[name], counted(name)) for name, build in launches.items()]
+        # Surfels gather their light before anything is looked at.
+        first = list(launches).index("application")
+        return [*own[:first], p.camera(), *own[first:]]
 
     def _work(self) -> dict[str, Work]:
         """The work of the frame last run, by pass, without shadow rays."""

@@ -83,7 +83,6 @@ def frame_work(sizes: FrameSizes) -> dict[str, Work]:
             bytes_written=n * 4 * 12 + moments[1] + (4 * rays if sizes.guiding else 0),
             rays=rays,
         ),
-        "gbuffer": Work(bytes_written=pixels * 4 * 15, rays=pixels),
         "application": Work(
             flops=sizes.covered * _WEIGHT_FLOPS,
             bytes_read=pixels * 4 * 4 + sizes.surface * 4 * 3 + sizes.covered * 4 * 3,

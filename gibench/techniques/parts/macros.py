@@ -16,8 +16,24 @@ SHOW_INDIRECT = 2
 LIGHT_FLOATS = 12
 """Numbers of a light (kernels_cl/common/lights.cl)."""
 
+GBUFFER_NONE = 0
+"""What the camera pass keeps of a pixel (kernels_cl/parts/gbuffer.cl): nothing."""
+
+GBUFFER_HIT = 1
+"""What the camera pass keeps of a pixel: where a surface is hit, and its albedo."""
+
+GBUFFER_SURFACE = 2
+"""What the camera pass keeps of a pixel: the surface there."""
+
+GBUFFER_FLOATS = 6
+"""Numbers of a hit that is kept: triangle, barycentrics, albedo."""
+
 SCENE_MACROS: dict[str, int] = {
     **material_macros(),
+    "GBUFFER_FLOATS": GBUFFER_FLOATS,
+    "GBUFFER_HIT": GBUFFER_HIT,
+    "GBUFFER_NONE": GBUFFER_NONE,
+    "GBUFFER_SURFACE": GBUFFER_SURFACE,
     "LIGHT_FLOATS": LIGHT_FLOATS,
     "SHOW_DIRECT": SHOW_DIRECT,
     "SHOW_INDIRECT": SHOW_INDIRECT,

@@ -5,38 +5,17 @@ render.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from gibench.device import (
-    Argument,
-    Buffer,
-    Device,
-    Launch,
-    ProgramSpec,
-    count_rays,
-    integer,
-    reads,
-    updates,
-    writes,
-)
-from gibench.rays.device_bvh import LEAST_PACKET, packet_rays
+from gibench.device import Argument, Buffer, Launch, ProgramSpec, integer, reads, updates
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import DirectionalLight, SpotLight
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT, tiled_pixels
-from gibench.techniques.technique import (
-    CAMERA,
-    CAMERA_AND_GI,
-    FloatArray,
-    Pass,
-    Stage,
-    Technique,
-    Work,
-)
+from gibench.techniques.technique import Pass, Technique, Work
 
 
 def frame_passes(technique: Technique) -> list[Pass]:
@@ -160,100 +139,3 @@ def dilated_texels(lightmap: Lightmap) -> tuple[int, int, int]:
             read |= met
             pairs += int(np.count_nonzero(met))
     return int(np.count_nonzero(filled)), int(np.count_nonzero(read)), pairs
-
-
-def forward_launch(
-    scene: FrameScene,
-    receivers: FrameLightmap | None = None,
-    indirect: Buffer | None = None,
-    show: int = SHOW_DIRECT | SHOW_INDIRECT,
-    packets: bool = False,
-) -> Launch:
-    """The launch that renders the camera image.
-
-    Args:
-        scene: the scene on the device; its ``image`` is written.
-        receivers: needed with ``indirect``.
-        indirect: dilated map of indirect irradiance; None for direct light only.
-        show: sum of SHOW_DIRECT and SHOW_INDIRECT.
-        packets: trace as many rays together as a vector holds (see :func:`suits_packets`).
-    """
-    source = "parts/forward_packet.cl" if packets else "parts/forward_render.cl"
-    packet = packet_rays(scene.device) if packets else 1
-    defines = {"INDIRECT": int(indirect is not None)}
-    if packets:
-        defines["PACKET"] = packet
-    program = scene.program(source, defines)
-    lookup: tuple[Argument, ...] = ()
-    if indirect is not None and receivers is not None:
-        lookup = (
-            reads("lightmap_uvs", receivers.uvs),
-            reads("irradiance_map", indirect),
-            integer("lightmap_width", receivers.lightmap.width),
-            integer("lightmap_height", receivers.lightmap.height),
-        )
-    args = (
-        *scene.bvh_args,
-        *scene.surface_args,
-        *scene.light_args,
-        *scene.environment_args,
-        *scene.camera_args,
-        integer("show", show),
-        *lookup,
-        writes("image", scene.image),
-    )
-    items = tiled_pixels(scene.width, scene.height) // packet
-    return Launch(program, "forward_render", args, items=items)
-
-
-def suits_packets(device: Device) -> bool:
-    """Whether tuned passes trace packets of rays on ``device``: where its vectors are wide."""
-    return device.vector_width >= LEAST_PACKET
-
-
-def forward_render(
-    scene: FrameScene,
-    receivers: FrameLightmap | None = None,
-    indirect: Buffer | None = None,
-    packets: bool = False,
-) -> Pass:
-    """The pass that renders the camera image (see :func:`forward_launch`).
-
-    Its work counts the primary rays, which are certain; after a frame also the shadow rays, whose
-    number depends on what the camera sees and where the lights are. No flops: rays are its measure.
-    """
-    pixels = scene.width * scene.height
-    work = Work(bytes_written=12 * pixels, rays=pixels)
-
-    def launches() -> Sequence[Launch]:
-        return [forward_launch(scene, receivers, indirect, packets=packets)]
-
-    stage: Stage = CAMERA if indirect is None else CAMERA_AND_GI
-    return Pass("forward_render", launches, work, with_shadow_rays(scene, work), stage)
-
-
-def with_shadow_rays(scene: FrameScene, work: Work) -> Callable[[int], Work]:
-    """``Pass.counted`` of a pass that traces primary rays, which ``work`` has, and shadow rays
-    where they hit; overwrites the image.
-    """
-
-    def counted(workgroup_size: int) -> Work:
-        launch = forward_launch(scene, show=SHOW_DIRECT)
-        rays = count_rays(scene.device, launch, workgroup_size)
-        return replace(work, rays=work.rays + rays.occluded)
-
-    return counted
-
-
-def rendered(
-    scene: FrameScene,
-    workgroup_size: int,
-    show: int,
-    receivers: FrameLightmap | None = None,
-    indirect: Buffer | None = None,
-    packets: bool = False,
-) -> FloatArray:
-    """Render the camera image once more with the device's present state, (h, w, 3) W/m2/sr."""
-    launch = forward_launch(scene, receivers, indirect, show, packets)
-    scene.device.enqueue(launch, workgroup_size)
-    return scene.device.read(scene.image)

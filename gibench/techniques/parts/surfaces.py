@@ -68,6 +68,15 @@ class Surfaces:
         return int(geometry + material_bytes(len(scene.materials)) + 4 * texels + 4 * 256)
 
     @property
+    def shape_args(self) -> tuple[Argument, ...]:
+        """SHAPE_PARAMS of kernels_cl/common/material.cl."""
+        return (
+            reads("positions", self.positions),
+            reads("normals", self.normals),
+            reads("triangles", self.triangles),
+        )
+
+    @property
     def args(self) -> tuple[Argument, ...]:
         """SURFACE_PARAMS of kernels_cl/common/material.cl."""
         return (

@@ -7,15 +7,12 @@ from typing import ClassVar
 
 from gibench.device import Device
 from gibench.techniques.job import Job, World
+from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
-from gibench.techniques.parts.shared_passes import (
-    forward_render,
-    lightmap_update,
-    rendered,
-    suits_packets,
-)
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.lightmap_lookup import lightmap_application
+from gibench.techniques.parts.shared_passes import lightmap_update
 from gibench.techniques.registry import TUNED
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
@@ -61,8 +58,15 @@ class Srp:
             self.turns,
             self.indirect,
         )
-        self._packets = job.variant == TUNED and suits_packets(device)
-        self.variant: SrpVariant = Tuned(given) if job.variant == TUNED else Published(given)
+        tuned = job.variant == TUNED
+        self.variant: SrpVariant = Tuned(given) if tuned else Published(given)
+        self._application = lightmap_application(
+            self.scene,
+            HitBuffer.create(device, job.shot.width, job.shot.height),
+            self.receivers,
+            self.indirect,
+            packets=tuned and suits_packets(device),
+        )
 
     @property
     def nbytes(self) -> int:
@@ -73,7 +77,9 @@ class Srp:
         else:
             own = published_bytes(self.sizes, storage, self.receivers.texels)
         indirect = self.receivers.map_bytes(self.receivers.texels)
-        return self.scene.nbytes + self.receivers.nbytes + indirect + self.turns.state.nbytes + own
+        shared = self.scene.nbytes + self.receivers.nbytes + indirect
+        hits = HitBuffer.bytes_of(self.scene.width, self.scene.height)
+        return shared + hits + self.turns.state.nbytes + own
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""
@@ -84,7 +90,7 @@ class Srp:
             ),
             *self.variant.passes(),
             self.variant.dilate(),
-            forward_render(self.scene, self.receivers, self.indirect, self._packets),
+            *self._application.passes(),
         ]
 
     def begin_frame(self, frame: int) -> None:
@@ -94,22 +100,7 @@ class Srp:
 
     def images(self) -> dict[str, FloatArray]:
         """The frame, its direct and its indirect part, and the probes, (h, w, 3) W/m2/sr."""
-        shown = {
-            "frame": SHOW_DIRECT | SHOW_INDIRECT,
-            "direct only": SHOW_DIRECT,
-            "indirect only": SHOW_INDIRECT,
-        }
-        images = {
-            title: rendered(
-                self.scene,
-                self._job.group_size,
-                show,
-                self.receivers,
-                self.indirect,
-                self._packets,
-            )
-            for title, show in shown.items()
-        }
+        images = self._application.images(self._job.group_size)
         images["probes"] = probe_view(
             images["frame"],
             self.scene.camera,

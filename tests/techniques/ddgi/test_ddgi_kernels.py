@@ -337,6 +337,7 @@ def test_application(scene, size):
     technique = create(scene, SMALL, image=(21, 19), size=size)
     randomise(technique, rng, states=(0, 3, 3))
     technique.begin_frame(40)
+    run_pass(technique, "camera", size)
     run_pass(technique, "application", size)
     found = technique.device.read(technique.scene.image)
     s, camera = state_of(technique), scene.cameras[0]

@@ -27,6 +27,7 @@ PASSES = [
     "relocation",
     "classification",
     "variability",
+    "camera",
     "application",
 ]
 FEW = {"counts": "3x3x3", "rays": 60, "fixed_rays": 20}
@@ -287,7 +288,7 @@ def test_rays_are_counted_after_a_frame(variant):
     assert shaded.bytes_written == 16 * active * 40
     # Every ray of an active probe hits a front, and the lamp is before half of them and more.
     assert 0.5 * active * 40 < shaded.rays <= active * 40
-    assert prepared["application"].counted(16).rays > prepared["application"].work.rays
+    assert prepared["camera"].counted(16).rays > prepared["camera"].work.rays
     for name in ("blend_irradiance", "blend_distance", "variability"):
         blended = prepared[name].counted(16)
         assert blended.flops == pytest.approx(prepared[name].work.flops * active / 27), name

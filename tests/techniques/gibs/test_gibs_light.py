@@ -115,7 +115,7 @@ def test_both_variants_give_the_same_image_of_the_same_surfels():
         estimator = technique.device.read(s.estimator)
         estimator[:3] *= 1.5  # the mean's channels
         technique.device.write(s.estimator, estimator)
-        for name in ("gbuffer", "application"):
+        for name in ("camera", "application"):
             frames.enqueue(name)
         images[variant] = technique.images()
     for title in ("frame", "indirect only", "coverage"):
@@ -174,7 +174,7 @@ def test_work_is_counted_after_a_frame(variant):
     rays = technique._rays
     assert rays == SETTINGS["rays_per_surfel"] * alive
     assert 1.3 * rays < counted["irradiance"].rays <= 2 * rays
-    assert 1.3 * 48 * 32 < counted["gbuffer"].rays <= 2 * 48 * 32
+    assert 1.3 * 48 * 32 < counted["camera"].rays <= 2 * 48 * 32
     covered = np.count_nonzero(technique.coverage() > 0)
     assert 0 < counted["application"].flops == 30 * covered
     entries = len(technique.grid.read_lists()[1])

@@ -68,10 +68,10 @@ def test_work_is_declared_for_every_pass():
     Frames(technique).run(5)
     passes = {item.name: item for item in technique.passes()}
     sorting = ["transform_and_count", "prefix_sum", "finalise"]
-    light = ["irradiance", "gbuffer", "application"]
+    light = ["irradiance", "camera", "application"]
     assert list(passes) == [*sorting, *light, "coverage", "placement", "recycling"]
     assert passes["irradiance"].work.rays == technique.life()["alive"] - technique.life()["placed"]
-    assert passes["gbuffer"].work.rays == 64 * 48
+    assert passes["camera"].work.rays == 64 * 48
     assert all(item.work.bytes_read or item.work.bytes_written for item in passes.values())
 
 

@@ -22,7 +22,8 @@ PASSES = [
     "cluster_projection",
     "irradiance_transport",
     "dilate",
-    "forward_render",
+    "camera",
+    "application",
 ]
 
 
@@ -50,7 +51,7 @@ def test_passes_and_their_work(setting, variant):
     values = sum(c.projection.size for c in bake.clusters)
     assert work["cluster_projection"].flops == 6 * values
     assert work["cluster_projection"].bytes_read == 2 * values + 12 * 11 * 25
-    assert work["forward_render"].rays == 24 * 16
+    assert work["camera"].rays == 24 * 16
     assert 0 < work["lightmap_update"].rays < 3 * 400
     assert technique.counts()["receivers"] == 400
     assert technique.counts()["probes"] == 11

@@ -1,13 +1,13 @@
-// The camera image as in forward_render.cl, PACKET pixels at a time: for processors with wide vectors.
+// What the camera sees as in camera.cl, PACKET pixels at a time: for processors with wide vectors.
 #include "common/bvh_packet.cl"
 #include "common/camera.cl"
 #include "common/environment.cl"
-#include "common/lightmap.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
 #include "common/pixels.cl"
 #include "common/sampling.cl"
 #include "common/shade.cl"
+#include "parts/gbuffer.cl"
 
 typedef struct {
     float x[PACKET] __attribute__((aligned(64)));
@@ -24,22 +24,20 @@ inline void set_vector(Vectors *v, int i, float3 value)
 
 #define LANES(array) (*(const pfloat *)(array))
 
-// forward_render: one work-item per PACKET pixels in a row of the tiled order (common/pixels.cl), whose
-// primary rays and whose shadow rays to one light run as packets; else as in forward_render.cl.
-__kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
-                             __global const float *camera, int width, int height, int show,
-#if INDIRECT
-                             LIGHTMAP_PARAMS,
-#endif
-                             __global float *image)
+// camera: one work-item per PACKET pixels in a row of the tiled order (common/pixels.cl), whose primary
+// rays and whose shadow rays to one light run as packets; else as in camera.cl.
+__kernel void camera(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
+                     __global const float *camera, int width, int height, KEPT_PARAMS
+                     __global float *image)
 {
     const int first = PACKET * get_global_id(0);
-    if (tiled_pixel(first, width).y >= height)
+    const int2 corner = tiled_pixel(first, width);
+    if (corner.y >= height)
         return;
     Vectors origins, directions;
     float limits[PACKET] __attribute__((aligned(64)));
     for (int i = 0; i < PACKET; ++i) {
-        const int2 pixel = tiled_pixel(first + i, width);
+        const int2 pixel = corner + tile_offset(i);
         const Ray ray = primary_ray(camera, pixel, width, height);
         set_vector(&origins, i, ray.origin);
         set_vector(&directions, i, ray.direction);
@@ -66,27 +64,24 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
         const float3 direction = (float3)(directions.x[i], directions.y[i], directions.z[i]);
         const Hit hit = {0.0f, us[i], vs[i], triangles_hit[i]};
         if (hit.triangle < 0) {
-            if (show & SHOW_DIRECT)
-                radiance[i] = environment_radiance(ENVIRONMENT_ARGS, direction);
+            radiance[i] = environment_radiance(ENVIRONMENT_ARGS, direction);
+            KEEP_NOTHING(first + i, row_place(corner + tile_offset(i), width));
             continue;
         }
         const Surface s = surface_at(SURFACE_ARGS, hit);
-        if (dot(s.geometric_normal, direction) >= 0.0f)
+        if (dot(s.geometric_normal, direction) >= 0.0f) {
+            KEEP_NOTHING(first + i, row_place(corner + tile_offset(i), width));
             continue;
-        reflectance[i] = diffuse_reflectance(s.albedo);
-#if INDIRECT
-        if (show & SHOW_INDIRECT)
-            radiance[i] = reflectance[i] * lightmap_irradiance(LIGHTMAP_ARGS, hit);
-#endif
-        if (show & SHOW_DIRECT) {
-            radiance[i] += s.emission;
-            lit[i] = true;
-            any_lit = true;
-            seen[i] = back_along_ray(s.position, direction);
-            start[i] = offset_from_surface(seen[i], s.geometric_normal);
-            normal[i] = s.normal;
-            geometric[i] = s.geometric_normal;
         }
+        KEEP(first + i, row_place(corner + tile_offset(i), width), hit, s);
+        lit[i] = true;
+        any_lit = true;
+        radiance[i] = s.emission;
+        reflectance[i] = diffuse_reflectance(s.albedo);
+        seen[i] = back_along_ray(s.position, direction);
+        start[i] = offset_from_surface(seen[i], s.geometric_normal);
+        normal[i] = s.normal;
+        geometric[i] = s.geometric_normal;
     }
     for (int l = 0; any_lit && l < light_count; ++l) {
         float3 gains[PACKET];
@@ -126,7 +121,7 @@ __kernel void forward_render(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONME
         }
     }
     for (int i = 0; i < PACKET; ++i) {
-        const int2 pixel = tiled_pixel(first + i, width);
+        const int2 pixel = corner + tile_offset(i);
         if (pixel.x < width && pixel.y < height)
             store3(image, (size_t)pixel.y * width + pixel.x, radiance[i]);
     }

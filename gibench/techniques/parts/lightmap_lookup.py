@@ -1,0 +1,46 @@
+"""Indirect light that is looked up in a lightmap."""
+
+from __future__ import annotations
+
+from gibench.device import Buffer, integer, reads
+from gibench.techniques.parts.camera_pass import Application, lookup_defines
+from gibench.techniques.parts.frame_lightmap import FrameLightmap
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
+
+SOURCE = "parts/application_lightmap.cl"
+
+# A point's place in the atlas, two coordinates of three corners, of which the first weight is two
+# differences; its texel and the place in it; three blends of three channels.
+_LOOKUP_FLOPS = 2 + 2 * 5 + 2 * 3 + 3 * 3 * 3
+
+
+def lightmap_application(
+    scene: FrameScene,
+    hits: HitBuffer,
+    receivers: FrameLightmap,
+    irradiance: Buffer,
+    packets: bool,
+) -> Application:
+    """The light of a map of irradiance on what the camera sees.
+
+    Args:
+        scene: the scene on the device.
+        hits: what the camera pass keeps.
+        receivers: whose map it is.
+        irradiance: the map, dilated.
+        packets: whether the camera pass traces packets.
+    """
+    return Application(
+        scene=scene,
+        hits=hits,
+        program=scene.program(SOURCE, lookup_defines(scene.device)),
+        args=(
+            reads("lightmap_uvs", receivers.uvs),
+            reads("irradiance_map", irradiance),
+            integer("lightmap_width", receivers.lightmap.width),
+            integer("lightmap_height", receivers.lightmap.height),
+        ),
+        flops=_LOOKUP_FLOPS,
+        packets=packets,
+    )
