@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import pickle
 from itertools import product
 
 import numpy as np
@@ -12,10 +14,12 @@ from support.tiny_scenes import empty_room, quad_scene, room
 
 from gibench.cli.main import call
 from gibench.errors import BadInput
+from gibench.profiles import load_profile
 from gibench.rays.embree import EmbreeTracer
 from gibench.study.experiments import EXPERIMENTS, common, scaling
 from gibench.study.rows import Rows
 from gibench.study.slope import fit_line
+from gibench.techniques.registry import job_of
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.operator_norm import cosine_vector, operator_norm
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
@@ -252,3 +256,13 @@ def test_published_figures_hold_no_withheld_rows():
         table = common.published(name)
         assert table[column].notna().all()
         assert not table.astype(str).apply(lambda c: c.str.contains("withheld")).any().any()
+
+
+def test_every_experiment_s_points_are_plain_data(tmp_path):
+    profiles = (load_profile("vega56"),)
+    context = common.Context(None, profiles, tmp_path, None, scenes=("cornell-box",), quick=True)
+    for experiment in EXPERIMENTS.values():
+        points = list(experiment.points(context))
+        assert points and pickle.loads(pickle.dumps(points)) == points
+        for point in points:
+            assert job_of(json.loads(json.dumps(point.job.record()))) == point.job

@@ -46,6 +46,7 @@ class Context:
         target_error: of references.
         reference_paths: of references at most; None for as many as the target error takes.
         seed: of every random choice.
+        kept: what its points share, by what it is of: scenes with what is baked on them, and so on.
     """
 
     folder: RunFolder
@@ -59,6 +60,7 @@ class Context:
     target_error: float = 0.02
     reference_paths: int | None = None
     seed: int = 0
+    kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def transport(self) -> dict[str, str]:
@@ -76,11 +78,14 @@ class Context:
 
     def moving(self) -> Shared:
         """Scenes as they are, for times."""
-        return Shared(self.cache, self.seed)
+        found: Shared = self.kept.setdefault(Shared, Shared(self.cache, self.seed))
+        return found
 
     def standing(self) -> FrozenShared:
         """Scenes with standing lights, for errors."""
-        return FrozenShared(self.cache, self.seed)
+        made = FrozenShared(self.cache, self.seed)
+        found: FrozenShared = self.kept.setdefault(FrozenShared, made)
+        return found
 
     def quality(self) -> QualityOptions:
         """How results are compared with the truth."""
@@ -138,15 +143,15 @@ class Context:
 
 @dataclass(frozen=True)
 class Point:
-    """One thing to measure.
+    """One thing to measure: plain data.
 
     Attributes:
         key: values of the experiment's key columns.
-        measure: measures it: rows without the keys.
+        job: what is run for it.
     """
 
     key: Mapping[str, Any]
-    measure: Callable[[], Sequence[Mapping[str, Any]]] = field(repr=False)
+    job: Job
 
 
 @dataclass(frozen=True)
@@ -161,6 +166,7 @@ class Experiment:
         keys: columns that name a point.
         columns: the others, ``status`` and ``reason`` left out.
         points: what is measured, in order.
+        measure: measures a point: rows without the keys.
         present: writes plots and pictures and returns the report's Markdown.
         image: size of the camera image, pixels.
     """
@@ -172,6 +178,7 @@ class Experiment:
     keys: tuple[str, ...]
     columns: tuple[str, ...]
     points: Callable[[Context], Iterable[Point]] = field(repr=False)
+    measure: Callable[[Context, Point], Sequence[Mapping[str, Any]]] = field(repr=False)
     present: Callable[[Context, pd.DataFrame], str] = field(repr=False)
 
 
@@ -191,7 +198,8 @@ def run_experiment(experiment: Experiment, context: Context) -> pd.DataFrame:
         with progress(experiment.title, len(points)) as advance:
             for point in points:
                 try:
-                    found = [{"status": OK, "reason": "", **row} for row in point.measure()]
+                    rows_found = experiment.measure(context, point)
+                    found = [{"status": OK, "reason": "", **row} for row in rows_found]
                 except BadInput:
                     raise
                 except GibenchError as error:

@@ -80,31 +80,33 @@ def _job(
 
 
 def _points(context: Context) -> Iterator[Point]:
-    samples = Rows.at(context.folder.path / "convergence-samples.csv", _KEYS, _SAMPLE)
     for name in context.scene_or("cornell-box" if context.quick else "atrium"):
-        for switch, (before, after) in _SWITCHES.items():
-            change = LightSwitch(_lengths(context).before, before, after)
-            shared = SwitchedShared(context.cache, context.seed, switch=change)
-            scene = shared.scene(name).name
+        for switch in _SWITCHES:
+            scene = _shared(context, switch).scene(name).name
             for profile in context.profiles:
                 for technique, setting, settings in _SETTINGS:
                     values = (scene, switch, technique, setting, profile.name)
                     key = dict(zip(_KEYS, values, strict=True))
-                    job = _job(context, name, profile, technique, settings)
+                    yield Point(key, _job(context, name, profile, technique, settings))
 
-                    def measure(
-                        key: Mapping[str, Any] = key,
-                        job: Job = job,
-                        shared: Shared = shared,
-                    ) -> list[dict[str, Any]]:
-                        if not samples.done(key):
-                            found = _run(context, job, shared, " ".join(key.values()))
-                            samples.add([{**key, **row} for row in found])
-                        table = samples.table()
-                        mine = table[(table[list(key)] == pd.Series(dict(key))).all(axis=1)]
-                        return [row_of(mine)]
 
-                    yield Point(key, measure)
+def _shared(context: Context, switch: str) -> SwitchedShared:
+    """Scenes whose lights change once as ``switch`` says."""
+    change = LightSwitch(_lengths(context).before, *_SWITCHES[switch])
+    made = SwitchedShared(context.cache, context.seed, switch=change)
+    found: SwitchedShared = context.kept.setdefault(change, made)
+    return found
+
+
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    samples = Rows.at(context.folder.path / "convergence-samples.csv", _KEYS, _SAMPLE)
+    if not samples.done(point.key):
+        shared = _shared(context, point.key["switch"])
+        found = _run(context, point.job, shared, " ".join(point.key.values()))
+        samples.add([{**point.key, **row} for row in found])
+    table = samples.table()
+    mine = table[(table[list(point.key)] == pd.Series(dict(point.key))).all(axis=1)]
+    return [row_of(mine)]
 
 
 def _run(context: Context, job: Job, shared: Shared, title: str) -> list[dict[str, Any]]:
@@ -255,5 +257,6 @@ EXPERIMENT = Experiment(
     keys=_KEYS,
     columns=_COLUMNS,
     points=_points,
+    measure=_measure,
     present=_present,
 )

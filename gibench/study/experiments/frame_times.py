@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import pandas as pd
 
@@ -36,10 +37,11 @@ def _points(context: Context) -> Iterator[Point]:
                     job = context.direct(name, profile, receivers)
                 else:
                     job = context.srp(name, profile, sh_order=order, receivers=receivers)
-                yield Point(
-                    {"scene": scene, "kind": kind, "profile": profile.name},
-                    lambda c=job: [timed(context, c, shared, _IMAGE)],  # type: ignore[misc]
-                )
+                yield Point({"scene": scene, "kind": kind, "profile": profile.name}, job)
+
+
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    return [timed(context, point.job, context.moving(), _IMAGE)]
 
 
 def _present(context: Context, table: pd.DataFrame) -> str:
@@ -77,5 +79,6 @@ EXPERIMENT = Experiment(
     keys=("scene", "kind", "profile"),
     columns=TIMES,
     points=_points,
+    measure=_measure,
     present=_present,
 )

@@ -16,13 +16,14 @@ from gibench.study.experiments.side_by_side import (
     result_panel,
     truth_of,
 )
+from gibench.techniques.job import Job
 
 _IMAGE = (480, 270)
 _PROBES = (5, 109)  # of figure 8
 _KINDS = ("spatial", "visibility", "srp")
 
 
-def _job(context: Context, probes: int, kind: str) -> Any:
+def _job(context: Context, probes: int, kind: str) -> Job:
     scene = context.scene_or("cornell-box")[0]
     receivers = 1500 if context.quick else 10_000
     return context.srp(
@@ -39,17 +40,15 @@ def _counts(context: Context) -> tuple[int, ...]:
 
 
 def _points(context: Context) -> Iterator[Point]:
-    shared = context.standing()
     for probes in _counts(context):
         for kind in _KINDS:
             job = _job(context, probes, kind)
-            label = _label(probes, kind)
-            yield Point(
-                {"probes": probes, "interpolation": kind},
-                lambda c=job, name=label: compared(  # type: ignore[misc]
-                    context, c, shared, _IMAGE, name
-                ),
-            )
+            yield Point({"probes": probes, "interpolation": kind}, job)
+
+
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    label = _label(point.key["probes"], point.key["interpolation"])
+    return compared(context, point.job, context.standing(), _IMAGE, label)
 
 
 def _present(context: Context, table: pd.DataFrame) -> str:
@@ -78,5 +77,6 @@ EXPERIMENT = Experiment(
     keys=("probes", "interpolation"),
     columns=COLUMNS,
     points=_points,
+    measure=_measure,
     present=_present,
 )

@@ -21,6 +21,7 @@ from gibench.study.experiments.side_by_side import (
     result_panel,
     truth_of,
 )
+from gibench.techniques.job import Job
 from gibench.techniques.registry import find_technique
 from gibench.techniques.srp.bake.operator_norm import operator_norm
 
@@ -38,35 +39,35 @@ def _label(probes: int) -> str:
     return f"{probes} probes"
 
 
-def _job(context: Context, probes: int) -> Any:
+def _job(context: Context, probes: int) -> Job:
     scene = context.scene_or("cornell-box")[0]
     receivers = 500 if context.quick else 8000
     return context.srp(scene, context.profiles[0], probes=probes, receivers=receivers)
 
 
 def _points(context: Context) -> Iterator[Point]:
-    shared = context.standing()
     for probes in _counts(context):
+        yield Point({"probes": probes}, _job(context, probes))
 
-        def measure(probes: int = probes) -> list[dict[str, Any]]:
-            job = _job(context, probes)
-            rows = compared(context, job, shared, _IMAGE, _label(probes))
-            lightmap, bake = shared.baked(
-                find_technique(job.technique), job.settings, job.scene, job.receivers
-            )
-            norms = operator_norm(
-                shared.scene(job.scene),
-                lightmap,
-                bake.probes,
-                replace(job.settings.bake_settings(), transport_rays=_NORM_RAYS),
-                directions=64 if context.quick else 1024,
-                seed=context.seed,
-            )
-            keep(context, f"norm {probes}", np.repeat(norms[:, None], 3, axis=1))
-            mean = float((norms * lightmap.receivers.area).sum() / lightmap.receivers.area.sum())
-            return [{**row, "operator_norm": mean} for row in rows]
 
-        yield Point({"probes": probes}, measure)
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    job, shared, probes = point.job, context.standing(), point.key["probes"]
+    rows = compared(context, job, shared, _IMAGE, _label(probes))
+    scene = shared.scene(job.scene)
+    lightmap, bake = shared.baked(
+        find_technique(job.technique), job.settings, job.scene, job.receivers or scene.receivers
+    )
+    norms = operator_norm(
+        scene,
+        lightmap,
+        bake.probes,
+        replace(job.settings.bake_settings(), transport_rays=_NORM_RAYS),
+        directions=64 if context.quick else 1024,
+        seed=context.seed,
+    )
+    keep(context, f"norm {probes}", np.repeat(norms[:, None], 3, axis=1))
+    mean = float((norms * lightmap.receivers.area).sum() / lightmap.receivers.area.sum())
+    return [{**row, "operator_norm": mean} for row in rows]
 
 
 def _present(context: Context, table: pd.DataFrame) -> str:
@@ -122,5 +123,6 @@ EXPERIMENT = Experiment(
     keys=("probes",),
     columns=("operator_norm", *COLUMNS),
     points=_points,
+    measure=_measure,
     present=_present,
 )

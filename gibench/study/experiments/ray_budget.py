@@ -123,8 +123,6 @@ def _job(context: Context, scene: str, profile: DeviceProfile, technique: str, b
 
 def _points(context: Context) -> Iterator[Point]:
     shared, sizes = context.standing(), _sizes(context)
-    samples = Rows.at(context.folder.path / "ray-budget-samples.csv", _KEYS, _SAMPLE)
-    writer = ImageWriter(context.folder.path / "images")
     for name in context.scene_or("cornell-box" if context.quick else "atrium"):
         scene = shared.scene(name).name
         for profile in context.profiles:
@@ -132,17 +130,17 @@ def _points(context: Context) -> Iterator[Point]:
                 budget = rays * sizes.probes
                 for technique in ("ddgi", "gibs"):
                     key = dict(zip(_KEYS, (scene, technique, budget, profile.name), strict=True))
-                    job = _job(context, name, profile, technique, budget)
+                    yield Point(key, _job(context, name, profile, technique, budget))
 
-                    def measure(
-                        key: Mapping[str, Any] = key, job: Job = job
-                    ) -> list[dict[str, Any]]:
-                        if not samples.done(key):
-                            found = _run(context, job, shared, key, writer)
-                            samples.add([{**key, **row} for row in found])
-                        return rows_of(samples.table(), key)
 
-                    yield Point(key, measure)
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    samples = Rows.at(context.folder.path / "ray-budget-samples.csv", _KEYS, _SAMPLE)
+    made = ImageWriter(context.folder.path / "images")
+    writer: ImageWriter = context.kept.setdefault(ImageWriter, made)
+    if not samples.done(point.key):
+        found = _run(context, point.job, context.standing(), point.key, writer)
+        samples.add([{**point.key, **row} for row in found])
+    return rows_of(samples.table(), point.key)
 
 
 def _run(
@@ -323,5 +321,6 @@ EXPERIMENT = Experiment(
     keys=_KEYS,
     columns=("when", "surfels", "covered", "probes", "rays", *_TIMES, "frames", "memory_bytes"),
     points=_points,
+    measure=_measure,
     present=_present,
 )

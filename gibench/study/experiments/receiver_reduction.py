@@ -29,6 +29,7 @@ from gibench.study.experiments.side_by_side import FORMATS, keep, kept
 from gibench.study.frozen import FrozenShared
 from gibench.study.settle import settle
 from gibench.study.through_camera import view
+from gibench.techniques.job import Job
 
 _TIMED_IMAGE, _IMAGE = (1334, 750), (480, 270)
 _RECEIVERS = (437_557, 199_406, 120_479, 56_581)
@@ -45,7 +46,7 @@ def _scene(context: Context) -> str:
     return context.scene_or("cornell-box" if context.quick else "atrium")[0]
 
 
-def _job(context: Context, receivers: int) -> Any:
+def _job(context: Context, receivers: int) -> Job:
     probes = 12 if context.quick else _PROBES
     return context.srp(
         _scene(context), context.profiles[0], sh_order=_ORDER, probes=probes, receivers=receivers
@@ -70,33 +71,25 @@ def _truth(context: Context, shared: FrozenShared) -> Reference:
 
 
 def _points(context: Context) -> Iterator[Point]:
-    standing, moving = context.standing(), context.moving()
     for receivers in _counts(context):
+        yield Point({"receivers": receivers}, _job(context, receivers))
 
-        def measure(receivers: int = receivers) -> list[dict[str, Any]]:
-            job, shot = _job(context, receivers), context.shot(_IMAGE)
-            times = timed(context, job, moving, _TIMED_IMAGE)
-            settled = settle(
-                replace(job, shot=shot), context.quality().settle, standing, context.cl_device
-            )
-            scene = standing.scene(job.scene)
-            seen = view(
-                scene,
-                settled.lightmap,
-                choose_camera(scene, None),
-                shot.width,
-                shot.height,
-            )
-            image = seen.of(settled.irradiance)
-            keep(context, f"image {receivers}", image)
-            truth = _truth(context, standing)
-            found = _errors(image, truth, seen.seen)
-            values = {name: found[name].value for name in _ERRORS}
-            noises = {f"{name}_noise": found[name].noise for name in _ERRORS}
-            count = len(settled.lightmap.receivers)
-            return [{**times, "receivers_made": count, **values, **noises}]
 
-        yield Point({"receivers": receivers}, measure)
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    job, shot, standing = point.job, context.shot(_IMAGE), context.standing()
+    times = timed(context, job, context.moving(), _TIMED_IMAGE)
+    settled = settle(replace(job, shot=shot), context.quality().settle, standing, context.cl_device)
+    scene = standing.scene(job.scene)
+    camera = choose_camera(scene, None)
+    seen = view(scene, settled.lightmap, camera, shot.width, shot.height)
+    image = seen.of(settled.irradiance)
+    keep(context, f"image {job.receivers}", image)
+    truth = _truth(context, standing)
+    found = _errors(image, truth, seen.seen)
+    values = {name: found[name].value for name in _ERRORS}
+    noises = {f"{name}_noise": found[name].noise for name in _ERRORS}
+    count = len(settled.lightmap.receivers)
+    return [{**times, "receivers_made": count, **values, **noises}]
 
 
 def _errors(image: Any, truth: Reference, seen: Any) -> dict[str, Measure]:
@@ -164,5 +157,6 @@ EXPERIMENT = Experiment(
     keys=("receivers",),
     columns=(*TIMES, "receivers_made", *_ERRORS, *(f"{name}_noise" for name in _ERRORS)),
     points=_points,
+    measure=_measure,
     present=_present,
 )

@@ -21,6 +21,7 @@ from gibench.study.experiments.common import (
     timed,
 )
 from gibench.study.slope import fit_line
+from gibench.techniques.job import Job
 from gibench.techniques.srp.bake.data import sh_count
 
 _IMAGE = (1334, 750)
@@ -39,7 +40,7 @@ _X = {
 }
 
 
-def _job(context: Context, profile: DeviceProfile, axis: str, value: int) -> Any:
+def _job(context: Context, profile: DeviceProfile, axis: str, value: int) -> Job:
     scene = context.scene_or("blue-orange-box")[0]
     base = 1000 if context.quick else _RECEIVERS
     chosen: dict[str, int] = {"sh_order": _ORDER, "probes": _PROBES, "receivers": base}
@@ -62,15 +63,15 @@ def _values(context: Context) -> dict[str, tuple[int, ...]]:
 
 
 def _points(context: Context) -> Iterator[Point]:
-    shared = context.moving()
     for axis, values in _values(context).items():
         for value in values:
             for profile in context.profiles:
                 job = _job(context, profile, axis, value)
-                yield Point(
-                    {"axis": axis, "value": value, "profile": profile.name},
-                    lambda c=job: [timed(context, c, shared, _IMAGE)],  # type: ignore[misc]
-                )
+                yield Point({"axis": axis, "value": value, "profile": profile.name}, job)
+
+
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    return [timed(context, point.job, context.moving(), _IMAGE)]
 
 
 def _present(context: Context, table: pd.DataFrame) -> str:
@@ -129,5 +130,6 @@ EXPERIMENT = Experiment(
     keys=("axis", "value", "profile"),
     columns=TIMES,
     points=_points,
+    measure=_measure,
     present=_present,
 )

@@ -20,6 +20,7 @@ from gibench.study.experiments.side_by_side import (
     result_panel,
     truth_of,
 )
+from gibench.techniques.job import Job
 
 _IMAGE = (640, 360)
 _ORDERS = tuple(range(8))
@@ -30,35 +31,34 @@ def _label(order: int) -> str:
     return f"order {order}"
 
 
-def _job(context: Context, order: int) -> Any:
+def _job(context: Context, order: int) -> Job:
     scene = context.scene_or("blue-orange-box")[0]
     receivers = 1500 if context.quick else None
     return context.srp(scene, context.profiles[0], sh_order=order, receivers=receivers)
 
 
 def _points(context: Context) -> Iterator[Point]:
-    shared = context.standing()
     orders = (0, 2, _HIGHEST) if context.quick else _ORDERS
     for order in sorted(orders, reverse=True):  # the highest first: the others are held against it
+        yield Point({"sh_order": order}, _job(context, order))
 
-        def measure(order: int = order) -> list[dict[str, Any]]:
-            job = _job(context, order)
-            rows = compared(context, job, shared, _IMAGE, _label(order))
-            rows = [{**row, "against": "reference"} for row in rows]
-            highest, mine = kept(context, _label(_HIGHEST)), kept(context, _label(order))
-            if order == _HIGHEST or highest is None or mine is None:
-                return rows
-            group = truth_of(context, job, shared, _IMAGE)
-            truth = Truth.of(
-                highest, np.zeros_like(highest), group.lightmap.receivers.area, group.truth.view
-            )
-            for region, found in errors(truth, mine, group.regions).items():
-                values = {name: found[name].value for name in METRICS}
-                noises = {f"{name}_noise": found[name].noise for name in METRICS}
-                rows.append({"region": region, "against": _label(_HIGHEST), **values, **noises})
-            return rows
 
-        yield Point({"sh_order": order}, measure)
+def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+    order, shared = point.key["sh_order"], context.standing()
+    rows = compared(context, point.job, shared, _IMAGE, _label(order))
+    rows = [{**row, "against": "reference"} for row in rows]
+    highest, mine = kept(context, _label(_HIGHEST)), kept(context, _label(order))
+    if order == _HIGHEST or highest is None or mine is None:
+        return rows
+    group = truth_of(context, point.job, shared, _IMAGE)
+    truth = Truth.of(
+        highest, np.zeros_like(highest), group.lightmap.receivers.area, group.truth.view
+    )
+    for region, found in errors(truth, mine, group.regions).items():
+        values = {name: found[name].value for name in METRICS}
+        noises = {f"{name}_noise": found[name].noise for name in METRICS}
+        rows.append({"region": region, "against": _label(_HIGHEST), **values, **noises})
+    return rows
 
 
 def _present(context: Context, table: pd.DataFrame) -> str:
@@ -101,5 +101,6 @@ EXPERIMENT = Experiment(
     keys=("sh_order",),
     columns=("against", *COLUMNS),
     points=_points,
+    measure=_measure,
     present=_present,
 )
