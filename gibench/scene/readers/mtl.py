@@ -275,11 +275,11 @@ class _Reader:
         return vec3(numbers[:3])
 
     def _number(self, entries: _Entries, keyword: str, default: float) -> float:
-        """A number from 0 to 1; the default where there is none."""
+        """A number from 0 to 1, d's after its option; the default where there is none."""
         text = entries.values.get(keyword)
         if text is None:
             return default
-        numbers = _numbers(text)
+        numbers = _numbers(text.removeprefix("-halo"))
         if not numbers or not 0 <= numbers[-1] <= 1:
             self.senseless.append(f"{keyword} {text}".strip())
             return default
