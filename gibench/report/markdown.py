@@ -15,7 +15,6 @@ from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
 from gibench.techniques.registry import axis_title
-from gibench.techniques.technique import CAMERA_AND_GI
 
 _ROOFS = {
     "read_gb_per_s": "streaming read, GB/s",
@@ -39,7 +38,7 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         *_warnings(record),
         _measured_on(record),
         "## Frames",
-        _frames(frames, passes, record),
+        _frames(frames, record),
         "## Passes",
         *_passes(passes, frames, record),
         "## The machine's roofs",
@@ -82,7 +81,7 @@ def _measured_on(record: Mapping[str, Any]) -> str:
     )
 
 
-def _frames(frames: pd.DataFrame, passes: pd.DataFrame, record: Mapping[str, Any]) -> str:
+def _frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
     axes, counts = recorded_axes(record), recorded_counts(record)
     rows = [
         (
@@ -93,7 +92,7 @@ def _frames(frames: pd.DataFrame, passes: pd.DataFrame, record: Mapping[str, Any
             row["workgroup_size"],
             *(_cell(row[name]) for name in (*axes, *counts, "receivers")),
             row["frames"],
-            _gi(row, passes),
+            number(row["gi_ms"]),
             *(number(row[name]) for name in ("median_ms", "p95_ms", "p99_ms", "min_ms")),
             number(row["device_ms"]),
             number(row["fps"], 1),
@@ -120,15 +119,6 @@ def _frames(frames: pd.DataFrame, passes: pd.DataFrame, record: Mapping[str, Any
         *("frames/s", "real-time", "memory MiB / budget", "status", "reason"),
     )
     return _table(head, rows)
-
-
-def _gi(frame: pd.Series, passes: pd.DataFrame) -> str:
-    """What the technique costs; where it cannot be told from the camera's work, which pass hides
-    it.
-    """
-    mine = passes[passes["configuration"] == frame["configuration"]]
-    mixed = mine[mine["stage"] == CAMERA_AND_GI]["pass"]
-    return number(frame["gi_ms"]) or "".join(f"in {name}" for name in mixed[:1])
 
 
 def _passes(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> list[str]:
@@ -271,8 +261,7 @@ def _meaning(record: Mapping[str, Any]) -> str:
         "included; *in kernels* is what the passes take of it.",
         "*GI* is what the technique costs: a frame's passes of stage `gi` together, the lookup at "
         "the pixels too; without the camera's rays and direct light (`camera`) and without what "
-        "puts objects in their place (`geometry`). Where one kernel does both, its name stands in "
-        "place of the time.",
+        "puts objects in their place (`geometry`).",
         f"Real-time means a median of at most {REAL_TIME_MS} ms **on the machine measured**. It "
         "does not say that the modelled device is or is not real-time.",
         "Times of two runs on a shared machine differ by tens of percent; compare inside one run.",

@@ -113,8 +113,8 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     A frame's time is the host's: from before its uploads until the queue is empty again.
     ``device_ms`` is the median of what its kernels take together, ``gap_ms`` the median of the
     rest. ``gi_ms`` is the median of what the passes of stage ``gi`` take together: what the
-    technique costs. It is blank where a pass does the camera's work too, and in runs from before
-    passes had stages. Where a pass could not run there is no whole frame, so the times are blank.
+    technique costs. It is blank in runs from before passes had stages. Where a pass could not run
+    there is no whole frame, so the times are blank.
 
     Args:
         samples: the content of ``samples.csv``.

@@ -38,7 +38,7 @@ class Work:
     atomics: float = 0.0
 
 
-Stage = Literal["camera", "geometry", "gi", "camera and gi"]
+Stage = Literal["camera", "geometry", "gi"]
 """What of a frame a pass belongs to (see the constants)."""
 CAMERA: Final = "camera"
 """The camera's rays and the direct light on what they hit."""
@@ -46,8 +46,6 @@ GEOMETRY: Final = "geometry"
 """What puts the scene's objects in their place."""
 GI: Final = "gi"
 """Indirect light, its lookup at the pixels too: what the technique costs."""
-CAMERA_AND_GI: Final = "camera and gi"
-"""One kernel does both, so that the technique's cost cannot be told from the camera's."""
 
 
 @dataclass

@@ -31,7 +31,6 @@ from gibench.techniques.technique import (
     FloatArray,
     HasNotes,
     KnowsItsCover,
-    Pass,
     Technique,
     Work,
 )
@@ -148,13 +147,12 @@ class Session:
             GibenchError: with ``whole``, where a pass failed.
         """
         self._sizes = dict(sizes or {})
-        self.prepared = [self.prepared_pass(item) for item in frame_passes(self.technique)]
+        self.prepared = [
+            prepare_pass(self.device, item, self.size_of(item.name))
+            for item in frame_passes(self.technique)
+        ]
         if whole:
             refuse_missing(self.prepared)
-
-    def prepared_pass(self, item: Pass) -> PreparedPass:
-        """One pass built, of the technique or beside it."""
-        return prepare_pass(self.device, item, self.size_of(item.name))
 
     def size_of(self, name: str) -> int:
         """The work-group size of the pass ``name``."""
@@ -199,12 +197,6 @@ class Session:
             for item in self.prepared
             if item.counted is not None and item.status == "ok"
         }
-
-    def pass_ms(self, item: PreparedPass) -> float:
-        """Device time of one pass run once more by itself, after a frame, ms."""
-        events = [launch.enqueue(self.device.queue) for launch in item.launches]
-        self.device.queue.finish()
-        return float(sum((e.profile.end - e.profile.start) * 1e-6 for e in events if e))
 
     @property
     def memory_bytes(self) -> int:
