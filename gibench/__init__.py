@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "advise", "load_run", "quality", "run"]
+__all__ = ["__version__", "advise", "experiment", "load_run", "quality", "run"]
 
 # Warnings are shown where somebody asks for them: the command line does (gibench.cli.notices).
 logging.getLogger(__name__).addHandler(logging.NullHandler())
@@ -53,3 +53,13 @@ def advise(**options: Any) -> Any:
         :class:`gibench.commands.advise.AdviceResult`: ``table``, ``folder``.
     """
     return import_module("gibench.commands.advise").advise(**options)
+
+
+def experiment(name: str, **options: Any) -> Any:
+    """Repeat one of the papers' experiments: all that ``gibench experiment`` takes, by keyword
+    (:func:`gibench.commands.experiment.experiment`).
+
+    Returns:
+        :class:`gibench.commands.experiment.ExperimentResult`: ``table``, ``folder``.
+    """
+    return import_module("gibench.commands.experiment").experiment(name, **options)

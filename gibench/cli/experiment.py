@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -88,63 +88,34 @@ def experiment(
 
       gibench experiment ray-budget --scene sponza.obj
     """
-    from gibench.study.experiments import EXPERIMENTS, find_experiment
-
     if name is None:
         from rich.markup import escape
         from rich.table import Table
 
         from gibench.report.terminal import console
+        from gibench.study.experiments import EXPERIMENTS
 
         table = Table("name", "what it shows", "after")
         for item in EXPERIMENTS.values():
             table.add_row(item.name, escape(item.title), escape(item.source))
         console().print(table)
         return
-    chosen = find_experiment(name)
+    from gibench.commands.experiment import experiment as repeat
 
-    from gibench.commands import asked
-    from gibench.device.device import select_cl_device
-    from gibench.measure.runfolder.folder import RunFolder
-    from gibench.measure.runfolder.record import study_record
-    from gibench.reference.path_tracer import check_paths
-    from gibench.study.experiments.common import Context, run_experiment
-    from gibench.study.quality import check_target_error
-
-    check_target_error(target_error)
-    check_paths(reference_paths, "--reference-paths")
-    image = None if resolution is None else asked.resolution(resolution)
-    profiles = asked.load_profiles(device_profile or chosen.profiles)
-    cl_device = select_cl_device(device)
-    cache = asked.cache_folder(cache_dir)
-    arguments: dict[str, Any] = {
-        "experiment": chosen.name,
-        "quick": quick,
-        "profiles": [profile.name for profile in profiles],
-        "scene": [Path(path).name for path in scene or ()],
-        "target_error": target_error,
-        "reference_paths": reference_paths,
-        "frames": frames,
-        "resolution": resolution,
-        "seed": seed,
-    }
-    path = out or Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
-    folder = RunFolder.create(path, arguments)
-    folder.write_record(study_record(arguments, cl_device))
-    context = Context(
-        folder=folder,
-        profiles=tuple(profiles),
-        cache=cache,
-        cl_device=cl_device,
-        scenes=tuple(scene or ()),
+    result = repeat(
+        name,
         quick=quick,
-        frames=frames,
-        resolution=image,
+        device_profile=device_profile,
+        scene=scene,
         target_error=target_error,
         reference_paths=reference_paths,
+        frames=frames,
+        resolution=resolution,
+        out=out,
         seed=seed,
+        device=device,
+        cache_dir=cache_dir,
     )
-    rows = run_experiment(chosen, context)
     if not quiet:
-        done = int((rows["status"] == "ok").sum())
-        typer.echo(f"{done} of {len(rows)} rows measured; see {folder.path}")
+        done = int((result.table["status"] == "ok").sum())
+        typer.echo(f"{done} of {len(result.table)} rows measured; see {result.folder}")

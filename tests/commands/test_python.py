@@ -13,10 +13,12 @@ import typer
 
 import gibench
 from gibench.cli import advise as cli_advise
+from gibench.cli import experiment as cli_experiment
 from gibench.cli import quality as cli_quality
 from gibench.cli import run as cli_run
 from gibench.cli.main import call
 from gibench.commands.advise import advise
+from gibench.commands.experiment import experiment
 from gibench.commands.quality import quality
 from gibench.commands.run import run
 from gibench.errors import BadInput
@@ -72,7 +74,12 @@ def test_no_result_depends_on_the_executor(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("called", "command"),
-    [(run, cli_run.run), (quality, cli_quality.quality), (advise, cli_advise.advise)],
+    [
+        (run, cli_run.run),
+        (quality, cli_quality.quality),
+        (advise, cli_advise.advise),
+        (experiment, cli_experiment.experiment),
+    ],
 )
 def test_python_takes_what_the_command_line_takes(called, command) -> None:
     """By the same names, with the same defaults; but for what is shown, and who bakes."""
@@ -81,6 +88,7 @@ def test_python_takes_what_the_command_line_takes(called, command) -> None:
     options = {renamed.get(name, name): one.default for name, one in theirs.items()}
     assert options.pop("quiet") is False
     assert set(mine) - set(options) == {"executor"} and set(options) <= set(mine)
+    options.pop("name", None)  # which experiment: Python cannot list them by leaving it out
     for name, default in options.items():
         assert not isinstance(default, typer.models.OptionInfo)
         wanted = tuple(default) if isinstance(default, list) else default

@@ -25,6 +25,7 @@ from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
+from gibench.work import Executor
 
 STATUS = ("status", "reason")
 TIMES = ("time_ms", "p95_ms", "frames", "memory_bytes")
@@ -46,6 +47,7 @@ class Context:
         target_error: of references.
         reference_paths: of references at most; None for as many as the target error takes.
         seed: of every random choice.
+        executor: of bakes; None for a thread per core.
         kept: what its points share, by what it is of: scenes with what is baked on them, and so on.
     """
 
@@ -60,6 +62,7 @@ class Context:
     target_error: float = 0.02
     reference_paths: int | None = None
     seed: int = 0
+    executor: Executor | None = None
     kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -78,12 +81,12 @@ class Context:
 
     def moving(self) -> Shared:
         """Scenes as they are, for times."""
-        found: Shared = self.kept.setdefault(Shared, Shared(self.cache, self.seed))
+        found: Shared = self.kept.setdefault(Shared, Shared(self.cache, self.seed, self.executor))
         return found
 
     def standing(self) -> FrozenShared:
         """Scenes with standing lights, for errors."""
-        made = FrozenShared(self.cache, self.seed)
+        made = FrozenShared(self.cache, self.seed, self.executor)
         found: FrozenShared = self.kept.setdefault(FrozenShared, made)
         return found
 

@@ -93,7 +93,7 @@ def _points(context: Context) -> Iterator[Point]:
 def _shared(context: Context, switch: str) -> SwitchedShared:
     """Scenes whose lights change once as ``switch`` says."""
     change = LightSwitch(_lengths(context).before, *_SWITCHES[switch])
-    made = SwitchedShared(context.cache, context.seed, switch=change)
+    made = SwitchedShared(context.cache, context.seed, context.executor, switch=change)
     found: SwitchedShared = context.kept.setdefault(change, made)
     return found
 

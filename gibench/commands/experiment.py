@@ -1,0 +1,95 @@
+"""``gibench experiment``, and :func:`gibench.experiment`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.commands import asked
+from gibench.device.device import select_cl_device
+from gibench.measure.runfolder.folder import RunFolder
+from gibench.measure.runfolder.record import study_record
+from gibench.reference.path_tracer import check_paths
+from gibench.study.experiments import find_experiment
+from gibench.study.experiments.common import Context, run_experiment
+from gibench.study.quality import check_target_error
+from gibench.work import Executor
+
+
+@dataclass(frozen=True)
+class ExperimentResult:
+    """What an experiment left.
+
+    Attributes:
+        folder: with everything that was written.
+        table: the experiment's rows.
+    """
+
+    folder: Path
+    table: pd.DataFrame = field(repr=False)
+
+
+def experiment(
+    name: str,
+    quick: bool = False,
+    device_profile: asked.Texts | None = None,
+    scene: asked.Texts | None = None,
+    target_error: float = 0.02,
+    reference_paths: int | None = None,
+    frames: int = 30,
+    resolution: str | None = None,
+    out: str | Path | None = None,
+    seed: int = 0,
+    device: int | None = None,
+    cache_dir: str | Path | None = None,
+    executor: Executor | None = None,
+) -> ExperimentResult:
+    """Repeat one of the papers' experiments, as ``gibench experiment`` does; its help says what
+    everything is.
+
+    ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
+
+    Raises:
+        BadInput: an input is wrong, or the folder holds another experiment.
+        Interrupted: by Ctrl-C; what was measured is kept and reported.
+        GibenchError: nothing could be measured: the first reason.
+    """
+    chosen = find_experiment(name)
+    check_target_error(target_error)
+    check_paths(reference_paths, "--reference-paths")
+    image = None if resolution is None else asked.resolution(resolution)
+    profiles = asked.load_profiles(asked.several(device_profile) or chosen.profiles)
+    cl_device = select_cl_device(device)
+    cache, scenes = asked.cache_folder(cache_dir), asked.several(scene)
+    arguments: dict[str, Any] = {
+        "experiment": chosen.name,
+        "quick": quick,
+        "profiles": [profile.name for profile in profiles],
+        "scene": [Path(path).name for path in scenes],
+        "target_error": target_error,
+        "reference_paths": reference_paths,
+        "frames": frames,
+        "resolution": resolution,
+        "seed": seed,
+    }
+    own = Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
+    folder = RunFolder.create(Path(out) if out else own, arguments)
+    folder.write_record(study_record(arguments, cl_device))
+    context = Context(
+        folder=folder,
+        profiles=tuple(profiles),
+        cache=cache,
+        cl_device=cl_device,
+        scenes=scenes,
+        quick=quick,
+        frames=frames,
+        resolution=image,
+        target_error=target_error,
+        reference_paths=reference_paths,
+        seed=seed,
+        executor=executor,
+    )
+    return ExperimentResult(folder.path, run_experiment(chosen, context))
