@@ -2,6 +2,7 @@
 #ifndef GIBENCH_GIBS_FRAME
 #define GIBENCH_GIBS_FRAME
 
+#include "common/random.cl"
 #include "parts/surfels.cl"
 
 // frame: words written by gibench.techniques.gibs.technique before every frame: those of
@@ -18,26 +19,5 @@
 #define COUNT_RECYCLED 3  // recycled in this frame
 #define COUNT_SURVIVORS 4 // alive after this frame
 #define COUNT_WORDS 5
-
-// Three well mixed words from three (Jarzynski and Olano 2020, "Hash Functions for GPU Rendering",
-// pcg3d).
-inline uint3 random_words(uint a, uint b, uint c)
-{
-    uint3 v = (uint3)(a, b, c) * 1664525u + 1013904223u;
-    v.x += v.y * v.z;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    v ^= v >> 16u;
-    v.x += v.y * v.z;
-    v.y += v.z * v.x;
-    v.z += v.x * v.y;
-    return v;
-}
-
-// In [0, 1).
-inline float unit_float(uint word)
-{
-    return (word >> 8) * (1.0f / 16777216.0f);
-}
 
 #endif

@@ -8,6 +8,7 @@
 #define GIBENCH_OCTAHEDRAL_MAPS
 
 #include "common/octahedral.cl"
+#include "common/random.cl"
 #include "common/vec.cl"
 
 // Texels of a map with its border.
@@ -49,14 +50,6 @@ inline int map_corner(float3 direction, int side, float2 *fraction)
     const float2 corner = clamp(floor(at), 0.0f, (float)side);
     *fraction = at - corner;
     return (int)corner.y * (side + 2) + (int)corner.x;
-}
-
-// Random bits of a number (Wellons 2018, "Prospecting for Hash Functions", lowbias32).
-inline uint random_bits(uint x)
-{
-    x = (x ^ (x >> 16)) * 0x7feb352du;
-    x = (x ^ (x >> 15)) * 0x846ca68bu;
-    return x ^ (x >> 16);
 }
 
 #if HALF_MAPS

@@ -141,6 +141,12 @@ def test_the_import_contracts_hold_without_a_line_for_it(tree: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("mypy") is None, reason="no mypy")
+def test_its_types_hold(tree: Path) -> None:
+    run(tree, "-m", "mypy")
+
+
+@pytest.mark.slow
 @pytest.mark.oclgrind
 @needs_oclgrind
 @pytest.mark.parametrize(

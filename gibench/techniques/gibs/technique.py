@@ -240,7 +240,7 @@ class Gibs:
         }
 
     def _frame_words(self, camera: Camera) -> npt.NDArray[np.uint32]:
-        """What kernels_cl/gibs/frame.cl reads, (10,)."""
+        """What kernels_cl/gibs/frame.cl reads, (FRAME_WORDS,)."""
         angle = 2 * math.tan(math.radians(camera.fov_degrees) / 2) * self.settings.radius_share
         words = surfel_words(self._alive, camera.position, angle, self._least, self._most)
         own = [self._number, self._rays, self._job.seed & 0xFFFFFFFF]

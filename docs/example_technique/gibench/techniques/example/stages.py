@@ -78,7 +78,8 @@ def _distances(given: Given, needed: Sequence[Floats], unit: Unit, worker: Worke
 def _openness(given: Given, needed: Sequence[Floats], unit: Unit, worker: Worker) -> Floats:
     """Share (probes,) of a probe's rays that meet nothing within reach."""
     (distances,) = needed
-    return np.mean(distances > given.settings.reach, axis=1, dtype=np.float32)
+    share: Floats = np.mean(distances > given.settings.reach, axis=1, dtype=np.float32)
+    return share
 
 
 def _write(value: Floats) -> Arrays:

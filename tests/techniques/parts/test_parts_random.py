@@ -1,4 +1,4 @@
-"""The random words of the kernels (kernels_cl/gibs/frame.cl) against their published definition.
+"""The random words of the kernels (kernels_cl/common/random.cl) against their published definition.
 
 Jarzynski and Olano 2020, "Hash Functions for GPU Rendering", JCGT 9(3), listing of pcg3d.
 """
@@ -45,7 +45,7 @@ def pcg3d(v: np.ndarray) -> np.ndarray:
 def on_device(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What the kernels make of (n, 3) words: three words each, and the first as a float."""
     device = any_size_device()
-    program = cl.Program(device.context, kernel_source("gibs/frame.cl") + WORDS).build(
+    program = cl.Program(device.context, kernel_source("common/random.cl") + WORDS).build(
         [*macro_options(defines(1))]
     )
     given = device.upload("in", words)
