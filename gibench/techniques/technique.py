@@ -84,7 +84,7 @@ class Technique(Protocol):
 
     def passes(self) -> Sequence[Pass]:
         """Its own passes of a frame, in order; those that move a scene's objects come before them
-        (:func:`gibench.techniques.parts.shared_passes.frame_passes`).
+        (:func:`gibench.techniques.parts.frame_passes.frame_passes`).
         """
         ...
 

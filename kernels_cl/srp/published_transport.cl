@@ -41,7 +41,7 @@ __kernel void cluster_projection(__global const int *clusters, __global const in
 //   irradiance = sum over light basis vectors of reconstruction[receiver][j] * basis[j]
 //   receiver_cluster, first_value, texel  per receiver in cluster order: its cluster, where its
 //                                         row of the reconstruction matrix starts, its texel
-//   indirect                              lightmap of irradiance, W/m2
+//   indirect                              lightmap of the signal (common/lightmap.cl), W/m2; `texel` is a row's entry in it
 __kernel void irradiance_transport(__global const int *clusters,
                                    __global const int *receiver_cluster,
                                    __global const stored_t *reconstruction,

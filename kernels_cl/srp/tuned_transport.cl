@@ -14,7 +14,7 @@
 // The reconstruction matrix is transposed: VEC receivers side by side, one light basis vector after
 // the other, so that no lanes need adding up.
 //   texel     (count * VEC,) of the receivers; -1 where a cluster's last vector is not full
-//   indirect  lightmap of irradiance, W/m2
+//   indirect  lightmap of the signal (common/lightmap.cl), W/m2; `texel` is a row's entry in it
 __kernel void irradiance_transport(__global const int *blocks, int count,
                                    __global const stored_t *reconstruction,
                                    __global const int *texel, __global const float *basis,

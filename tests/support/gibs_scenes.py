@@ -11,7 +11,7 @@ from gibench.scene.model import Camera, Material, PointLight, Scene
 from gibench.scene.readers.shapes import cube
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.gibs import SPEC
-from gibench.techniques.parts.shared_passes import frame_passes
+from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import TUNED
 from support.made import made
 

@@ -30,7 +30,7 @@ from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Keyframes, Turn
 from gibench.techniques.direct import SPEC as DIRECT
 from gibench.techniques.gibs.settings import PERSPECTIVE
-from gibench.techniques.parts.shared_passes import frame_passes
+from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import (
     PUBLISHED,
     TUNED,

@@ -11,7 +11,7 @@ import pyopencl as cl
 
 from gibench.device import Device, PreparedLaunch
 from gibench.errors import CannotRun, GibenchError
-from gibench.techniques.parts.shared_passes import frame_passes
+from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.technique import GI, Pass, Stage, Technique, Work
 
 Status = Literal["ok", "skipped", "failed"]

@@ -25,7 +25,7 @@ from gibench.measure.session.enqueue import (
 from gibench.measure.session.shared import Shared
 from gibench.scene.model import Scene
 from gibench.techniques.job import Job, World
-from gibench.techniques.parts.shared_passes import frame_passes
+from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import Follows, TechniqueSpec, find_technique, techniques
 from gibench.techniques.technique import (
     FloatArray,

@@ -29,7 +29,7 @@ from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.resources import data
 from gibench.techniques.job import Job
-from gibench.techniques.parts.shared_passes import frame_passes
+from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.technique import Pass
 
 CLEAR = 0.03

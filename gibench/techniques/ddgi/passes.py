@@ -49,10 +49,16 @@ class DdgiPasses:
         probes: the volume on it.
         blending: the variant.
         workgroup_size: work-items per group.
+        packets: whether the camera pass traces packets.
     """
 
     def __init__(
-        self, scene: FrameScene, probes: Probes, blending: Blending, workgroup_size: int
+        self,
+        scene: FrameScene,
+        probes: Probes,
+        blending: Blending,
+        workgroup_size: int,
+        packets: bool,
     ) -> None:
         self.scene, self.probes, self.blending = scene, probes, blending
         self.workgroup_size = workgroup_size
@@ -65,6 +71,7 @@ class DdgiPasses:
             program=self._application_program(),
             args=(*scene.surfaces.shape_args, *probes.volume_args, *probes.map_args),
             flops=_LOOKUP_FLOPS,
+            packets=packets,
         )
 
     @staticmethod

@@ -14,6 +14,7 @@ from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.job import Job, World
+from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.registry import TUNED
@@ -47,7 +48,8 @@ class Ddgi:
         self.probes = Probes.create(device, settings, volume, job.seed)
         tuned = job.variant == TUNED
         self.blending: Blending = Tuned(self.probes) if tuned else Published(self.probes)
-        self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size)
+        packets = tuned and suits_packets(device)
+        self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size, packets)
 
     @property
     def nbytes(self) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.arrays import Floats, Ints
+from gibench.arrays import Ints
 from gibench.device import Buffer, Device
 from gibench.scene.lightmap import Lightmap
 
@@ -98,8 +98,3 @@ class FrameLightmap:
         data = np.zeros((self.texels + extra, 4), np.float32)
         data[self.lightmap.receivers.texel, 3] = 1.0
         return self.device.upload(name, data)
-
-    def at_receivers(self, values: Buffer) -> Floats:
-        """A map's colour at the receivers, (n, 3) float32."""
-        texels = self.device.read(values).reshape(-1, 4)
-        return np.ascontiguousarray(texels[self.lightmap.receivers.texel, :3])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from gibench.device import Buffer, integer, reads
 from gibench.techniques.parts.camera_pass import Application, lookup_defines
-from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.receiver_signal import ReceiverSignal
 
 SOURCE = "parts/application_lightmap.cl"
 
@@ -18,8 +17,7 @@ _LOOKUP_FLOPS = 2 + 2 * 5 + 2 * 3 + 3 * 3 * 3
 def lightmap_application(
     scene: FrameScene,
     hits: HitBuffer,
-    receivers: FrameLightmap,
-    irradiance: Buffer,
+    signal: ReceiverSignal,
     packets: bool,
 ) -> Application:
     """The light of a map of irradiance on what the camera sees.
@@ -27,20 +25,14 @@ def lightmap_application(
     Args:
         scene: the scene on the device.
         hits: what the camera pass keeps.
-        receivers: whose map it is.
-        irradiance: the map, dilated.
+        signal: dilated.
         packets: whether the camera pass traces packets.
     """
     return Application(
         scene=scene,
         hits=hits,
-        program=scene.program(SOURCE, lookup_defines(scene.device)),
-        args=(
-            reads("lightmap_uvs", receivers.uvs),
-            reads("irradiance_map", irradiance),
-            integer("lightmap_width", receivers.lightmap.width),
-            integer("lightmap_height", receivers.lightmap.height),
-        ),
+        program=scene.program(SOURCE, {**lookup_defines(scene.device), **signal.macros}),
+        args=signal.lookup_args,
         flops=_LOOKUP_FLOPS,
         packets=packets,
     )

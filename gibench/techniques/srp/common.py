@@ -11,6 +11,7 @@ from gibench.arrays import Floats
 from gibench.device import Buffer, Device
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.storage import storage_bytes
 from gibench.techniques.technique import Pass, Work
@@ -139,7 +140,7 @@ class SrpInput:
         fraction: share of the probes updated in a frame.
         workgroup_size: work-items per group.
         turns: which probes are updated.
-        indirect: map of indirect irradiance that is written.
+        indirect: the signal that is written.
     """
 
     scene: FrameScene
@@ -150,7 +151,7 @@ class SrpInput:
     fraction: float
     workgroup_size: int
     turns: ProbeTurns
-    indirect: Buffer
+    indirect: ReceiverSignal
 
 
 class SrpVariant(Protocol):

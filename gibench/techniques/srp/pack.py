@@ -66,7 +66,8 @@ def pack_published(bake: SrpBake, texel: Ints, storage: str) -> PublishedTranspo
 
     Args:
         bake: the baked data.
-        texel: (n,) texel of every receiver.
+        texel: (n,) the entry in the signal's map of every row of the transport: a receiver's
+            texel where the signal has one component.
         storage: ``fp32``, ``fp16`` or ``snorm16``.
     """
     c = bake.coefficients
@@ -183,7 +184,8 @@ def pack_tuned(bake: SrpBake, texel: Ints, storage: str, device_width: int) -> T
 
     Args:
         bake: the baked data.
-        texel: (n,) texel of every receiver.
+        texel: (n,) the entry in the signal's map of every row of the transport: a receiver's
+            texel where the signal has one component.
         storage: ``fp32``, ``fp16`` or ``snorm16``.
         device_width: floats per vector of the executing device.
     """

@@ -9,7 +9,6 @@ import numpy as np
 from gibench.arrays import Floats
 from gibench.device import Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
-from gibench.techniques.parts.shared_passes import dilate
 from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import pack_published, pack_samples
 from gibench.techniques.srp.storage import storage_bytes, storage_macro
@@ -39,7 +38,6 @@ class Published:
     def __init__(self, given: SrpInput) -> None:
         self.given = given
         device, bake, sizes = given.scene.device, given.bake, given.sizes
-        texel = given.receivers.lightmap.receivers.texel
         self.radiance = given.receivers.new_map("radiance")
         lists = pack_samples(bake.relight)
         self._lists = (
@@ -51,7 +49,7 @@ class Published:
             reads("directions", device.upload("relight_directions", bake.relight.directions)),
             reads("basis", device.upload("relight_basis", bake.relight.basis)),
         )
-        packed = pack_published(bake, texel, given.storage)
+        packed = pack_published(bake, given.indirect.entries, given.storage)
         self._clusters = device.upload("clusters", packed.clusters)
         self._row_cluster = device.upload("row_cluster", packed.row_cluster)
         self._columns = device.upload("columns", packed.columns)
@@ -75,7 +73,7 @@ class Published:
 
     def dilate(self) -> Pass:
         """Dilation that looks at every texel."""
-        return dilate(self.given.receivers, self.given.indirect)
+        return self.given.indirect.dilate()
 
     def probe_radiance(self) -> Floats:
         """The probes' SH coefficients, (p, c, 3) W/m2/sr."""
@@ -127,7 +125,7 @@ class Published:
             reads("texel", self._texel),
             reads("basis", self._basis),
             integer("receivers", receivers),
-            updates("indirect", self.given.indirect),
+            updates("indirect", self.given.indirect.map),
         )
         return [Launch(self._program(), "irradiance_transport", args, items=receivers)]
 

@@ -12,7 +12,8 @@ from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.lightmap_lookup import lightmap_application
-from gibench.techniques.parts.shared_passes import lightmap_update
+from gibench.techniques.parts.lightmap_update import lightmap_update
+from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.registry import TUNED
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
@@ -44,7 +45,7 @@ class Srp:
         self._job, self._world, self._settings, self._bake = job, world, settings, bake
         self.scene = FrameScene.of(device, job.shot, world)
         self.receivers = FrameLightmap.upload(device, world.lightmap)
-        self.indirect = self.receivers.new_map("indirect")
+        self.indirect = ReceiverSignal.create(self.receivers, "indirect")
         self.sizes = TransportSizes.of(bake)
         self.turns = ProbeTurns(device, self.sizes.probes, settings.probe_update_fraction)
         given = SrpInput(
@@ -63,7 +64,6 @@ class Srp:
         self._application = lightmap_application(
             self.scene,
             HitBuffer.create(device, job.shot.width, job.shot.height),
-            self.receivers,
             self.indirect,
             packets=tuned and suits_packets(device),
         )
@@ -76,8 +76,7 @@ class Srp:
             own = tuned_bytes(self._bake, lightmap, storage, self.device.vector_width)
         else:
             own = published_bytes(self.sizes, storage, self.receivers.texels)
-        indirect = self.receivers.map_bytes(self.receivers.texels)
-        shared = self.scene.nbytes + self.receivers.nbytes + indirect
+        shared = self.scene.nbytes + self.receivers.nbytes + self.indirect.nbytes
         hits = HitBuffer.bytes_of(self.scene.width, self.scene.height)
         return shared + hits + self.turns.state.nbytes + own
 
@@ -112,7 +111,7 @@ class Srp:
 
     def indirect_irradiance(self) -> FloatArray:
         """Indirect irradiance (n, 3) at the receivers, W/m2, in the lightmap's order."""
-        return self.receivers.at_receivers(self.indirect)
+        return self.indirect.irradiance()
 
     def counts(self) -> dict[str, int]:
         """Probes, receivers, clusters and light basis vectors."""

@@ -11,7 +11,6 @@ from gibench.device import Launch, ProgramSpec, integer, local, reads, updates, 
 from gibench.errors import CannotRun
 from gibench.scene.lightmap import Lightmap
 from gibench.techniques.parts.frame_lightmap import border_texels
-from gibench.techniques.parts.shared_passes import dilate
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import SrpInput
 from gibench.techniques.srp.pack import (
@@ -85,7 +84,7 @@ class Tuned:
         self._relight_basis = device.upload(
             "relight_basis", padded_basis(bake.relight, self._width)
         )
-        packed = pack_tuned(bake, lightmap.receivers.texel, given.storage, self._width)
+        packed = pack_tuned(bake, given.indirect.entries, given.storage, self._width)
         self._row_blocks = device.upload("row_blocks", packed.row_blocks)
         self._probes = device.upload("cluster_probes", packed.probes)
         self._projection = device.upload("projection", packed.projection)
@@ -109,7 +108,7 @@ class Tuned:
 
     def dilate(self) -> Pass:
         """Dilation of the texels that need it."""
-        return dilate(self.given.receivers, self.given.indirect, self._border)
+        return self.given.indirect.dilate(self._border)
 
     def probe_radiance(self) -> Floats:
         """The probes' SH coefficients, (p, c, 3) W/m2/sr."""
@@ -176,6 +175,6 @@ class Tuned:
             reads("reconstruction", self._reconstruction),
             reads("texel", self._texel),
             reads("basis", self._basis),
-            updates("indirect", self.given.indirect),
+            updates("indirect", self.given.indirect.map),
         )
         return [Launch(program, "irradiance_transport", args, items=count)]

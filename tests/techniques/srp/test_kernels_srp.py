@@ -104,7 +104,7 @@ def test_projection_and_transport(setting, variant, order_and_size, storage):
     assert len(dark) > 0
     assert not found[dark].any()
     # Nothing is written outside the receivers' texels.
-    texels = technique.device.read(technique.indirect)
+    texels = technique.device.read(technique.indirect.map)
     outside = np.setdiff1d(np.arange(len(texels)), lightmap.receivers.texel)
     assert not texels[outside].any()
 
