@@ -41,7 +41,7 @@ def timed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
             if keep is not None:
                 for name in ("OLD", "NEW"):
                     np.savez(keep / f"{name}.npz", **{"indirect irradiance": np.ones((4, 3))})
-            base = {name: draws.lognormal(0, 0.05, frames) for name in (FRAME, "forward_render")}
+            base = {name: draws.lognormal(0, 0.05, frames) for name in (FRAME, "camera")}
             scale = {name: ratio * np.exp(draws.normal(0, noise)) for name in base}
             return PairTimes(base, {name: base[name] * scale[name] for name in base})
 
@@ -63,17 +63,17 @@ def test_the_same_kernels_pass_after_the_fewest_pairs(timed, capsys) -> None:
 def test_slower_kernels_fail_by_name(timed, tmp_path: Path, capsys) -> None:
     files = "--json", str(tmp_path / "a.json"), "--markdown", str(tmp_path / "a.md")
     assert timed(1.12, *files) == (1, 9)
-    assert "slower by more than 5%: frame, forward_render" in told(capsys)
+    assert "slower by more than 5%: frame, camera" in told(capsys)
     content = json.loads((tmp_path / "a.json").read_text())
-    assert content["slower"] == [FRAME, "forward_render"]
+    assert content["slower"] == [FRAME, "camera"]
     assert len(content["log_ratios"][FRAME]) == 9
-    assert "| 🔴 | forward_render |" in (tmp_path / "a.md").read_text()
+    assert "| 🔴 | camera |" in (tmp_path / "a.md").read_text()
     assert timed(1.12, "--threshold", "20%")[0] == 0
 
 
 def test_what_cannot_be_told_asks_for_more_and_does_not_fail(timed, capsys) -> None:
     assert timed(1.05, noise=0.05) == (0, 24)
-    assert "Ambiguous: frame, forward_render. More replicates may tell" in capsys.readouterr().out
+    assert "Ambiguous: frame, camera. More replicates may tell" in capsys.readouterr().out
     assert timed(1.2, "--replicates", "3") == (0, 3)
     assert "too few replicates" in capsys.readouterr().out
 
@@ -81,19 +81,19 @@ def test_what_cannot_be_told_asks_for_more_and_does_not_fail(timed, capsys) -> N
 def test_real_processes_take_turns(tmp_path: Path, capsys) -> None:
     broken = tmp_path / "broken"
     shutil.copytree(TREE, broken)
-    for file in broken.rglob("forward_*.cl"):
+    for file in broken.rglob("camera*.cl"):
         file.write_text(file.read_text().replace("__kernel", "__kernel nonsense"))
     common = (*SMALL, "--cache-dir", str(tmp_path / "cache"), "--replicates", "1")
     report = ("--json", "-", "--frames", "3")
     assert call(["ab", str(TREE), str(TREE), *common, *report]) == 0
     content = json.loads(capsys.readouterr().out)
-    assert [row["row"] for row in content["rows"]] == [FRAME, "forward_render"]
+    assert [row["row"] for row in content["rows"]] == [FRAME, "camera"]
     assert content["output_difference"]["image frame"] == 0.0
     assert content["rows"][0]["old_ms"] > content["rows"][1]["old_ms"] > 0
     assert call(["ab", str(broken), str(TREE), *common]) == 2
-    assert "the baseline does not run: OLD: forward_render" in told(capsys)
+    assert "the baseline does not run: OLD: camera" in told(capsys)
     assert call(["ab", str(TREE), str(broken), *common]) == 1
-    assert "NEW: forward_render" in told(capsys)
+    assert "NEW: camera" in told(capsys)
 
 
 def test_trees_are_folders_or_revisions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,8 @@
 """Which tests notice a kernel that returns at once, or a statistic that returns a constant.
 
+A statistic has two mutants: one that returns the number 0.5, and ``:first``, which returns what the
+first call in the run returned, of the right type and shape, for ever.
+
 A pytest plug-in and a script. The script runs given tests once as they are, then once for every
 mutant, all in one process a mutant, and writes a table: mutant, whether a test failed, and the
 first that did (the run ends there). What no test notices is printed.
@@ -7,13 +10,13 @@ first that did (the run ends there). What no test notices is printed.
 Usage (in the repository's root)::
 
     python tests/support/kernel_mutants.py kernels OUT.csv ddgi tests/techniques/ddgi
-    python tests/support/kernel_mutants.py statistics OUT.csv gibench.measure.statistics.bootstrap \
-        tests/measure
+    python tests/support/kernel_mutants.py statistics OUT.csv \
+        gibench.measure.statistics,gibench.measure.compare.paired tests/measure
     python tests/support/kernel_mutants.py compare BEFORE.csv AFTER.csv
 
-The second argument of ``kernels`` is a folder of kernels_cl, that of ``statistics`` a module or a
-package. Options of pytest may follow the tests. ``compare`` fails where a mutant was caught in
-BEFORE and is not in AFTER.
+The second argument of ``kernels`` is a folder or a file of kernels_cl, that of ``statistics``
+modules or packages. Options of pytest may follow the tests. ``compare`` fails where a mutant was
+caught in BEFORE and is not in AFTER.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ KERNEL = re.compile(
     re.MULTILINE,
 )
 MUTANT = "GIBENCH_MUTANT"
+FIRST = ":first"
 
 
 def body_of(source: str, start: int) -> int:
@@ -46,30 +50,38 @@ def body_of(source: str, start: int) -> int:
     return source.index("{", place) + 1
 
 
-def kernels(folder: str) -> list[str]:
-    """``file:kernel`` of every kernel beneath a folder of kernels_cl."""
+def kernels(where: str) -> list[str]:
+    """``file:kernel`` of every kernel of a file of kernels_cl, or beneath a folder of it."""
     root = ROOT / "kernels_cl"
+    place = root / where
     return [
         f"{path.relative_to(root).as_posix()}:{found[1]}"
-        for path in sorted((root / folder).rglob("*.cl"))
+        for path in ([place] if place.is_file() else sorted(place.rglob("*.cl")))
         for found in KERNEL.finditer(path.read_text())
     ]
 
 
-def statistics(name: str) -> list[str]:
-    """``module:function`` of every public function of a module, or of a package's modules."""
-    module = importlib.import_module(name)
-    names = [name]
-    if hasattr(module, "__path__"):
-        names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(module.__path__)]
+def statistics(where: str) -> list[str]:
+    """Both mutants of every public function of modules and of packages' modules.
+
+    Args:
+        where: names of modules and packages, with commas between them.
+    """
+    names = []
+    for name in where.split(","):
+        module = importlib.import_module(name)
+        names.append(name)
+        if hasattr(module, "__path__"):
+            names += [f"{name}.{one.name}" for one in pkgutil.iter_modules(module.__path__)]
     return [
-        f"{one}:{key}"
+        f"{one}:{key}{kind}"
         for one in names
         for key, value in vars(importlib.import_module(one)).items()
         if callable(value)
         and not key.startswith("_")
         and not isinstance(value, type)
         and getattr(value, "__module__", "") == one
+        for kind in ("", FIRST)
     ]
 
 
@@ -91,9 +103,17 @@ def mutate_kernels(file: str, kernel: str) -> None:
 
 
 def mutate_statistic(module: str, function: str) -> None:
-    """From now on a function returns the number 0.5, whatever is asked."""
-    plain = getattr(importlib.import_module(module), function)
-    replace_everywhere(plain, lambda *args, **kwargs: 0.5)
+    """From now on a function returns 0.5, or its first answer, whatever is asked."""
+    name = function.removesuffix(FIRST)
+    plain = getattr(importlib.import_module(module), name)
+    answers: list[Any] = [] if function.endswith(FIRST) else [0.5]
+
+    def constant(*args: Any, **kwargs: Any) -> Any:
+        if not answers:
+            answers.append(plain(*args, **kwargs))
+        return answers[0]
+
+    replace_everywhere(plain, constant)
 
 
 def replace_everywhere(plain: Any, other: Any) -> None:

@@ -20,20 +20,34 @@ def scene():
 def truth(scene):
     return reference_image(
         scene, scene.cameras[0], SIDE, SIDE, indirect_only=True, irradiance=True, paths=128
-    ).value
+    )
+
+
+# By settings: shown over truth, a channel each, and the seeds' spread of it, from seeds 3 to 6 (two
+# threads of an AMD EPYC, Zen 5). With one ray a surfel, as Ekberg 2022, light that bounces often
+# still lags 900 frames on, most where walls are red: after 2440 frames the shares are 0.985, 0.984
+# and 0.991. With four rays they are within 1 % of the truth.
+ONE_RAY = (0.9513, 0.9598, 0.9815)
+FOUR_RAYS = (0.9931, 0.9921, 0.9982)
+SEEDS = 4
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("least", "settings"),
+    ("known", "spread", "settings"),
     [
-        # One ray a surfel, as Ekberg 2022: light that bounces often still lags 900 frames on.
-        (0.92, {}),
-        (0.96, {"rays_per_surfel": 4.0, "ray_guiding": True}),
+        (ONE_RAY, 0.0035, {}),
+        (FOUR_RAYS, 0.0010, {"rays_per_surfel": 4.0, "ray_guiding": True}),
     ],
 )
-def test_the_settled_cornell_box_is_near_the_truth(scene, truth, least, settings):
-    """After the built-in flight: before it what the camera does not see bounces nothing."""
+def test_the_settled_cornell_box_is_as_near_the_truth_as_it_was(
+    scene, truth, known, spread, settings
+):
+    """After the built-in flight: before it what the camera does not see bounces nothing.
+
+    It may differ from what is known by four standard errors: of one seed, of the mean of those that
+    it is known from, and of the truth.
+    """
     technique = gibs(
         scene,
         width=SIDE,
@@ -53,6 +67,9 @@ def test_the_settled_cornell_box_is_near_the_truth(scene, truth, least, settings
         frames.run()
         total += technique.device.read(technique.view.indirect)[:, :3].reshape(SIDE, SIDE, 3)
     shown = np.isfinite(technique.coverage())
-    ratio = (total / 20)[shown].mean(axis=0) / truth[shown].mean(axis=0)
-    assert np.all(ratio > least)
-    assert np.all(ratio < 1.03)
+    whole = truth.value[shown].sum(axis=0)
+    ratio = (total / 20)[shown].sum(axis=0) / whole
+    of_truth = np.sqrt((truth.stderr[shown] ** 2).sum(axis=0)) / whole
+    assert np.all(of_truth < 0.003)
+    error = np.sqrt(spread**2 * (1 + 1 / SEEDS) + of_truth**2)
+    assert np.all(np.abs(ratio - known) < 4 * error), ratio

@@ -105,8 +105,10 @@ def test_damaged_probes_and_relight_samples_are_made_again(baked, tmp_path, name
     assert same(baked[1], bake(folder))
 
 
+# A shell that starts pytest in the background has it ignore Ctrl-C, and what pytest starts too.
 RUN = """
-import sys, json
+import json, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.path.insert(0, {tests!r})
 from pathlib import Path
 from support.srp_setups import bake
