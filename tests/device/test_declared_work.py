@@ -1,11 +1,11 @@
 """The work every pass declares against what Oclgrind counts its kernels to do.
 
 Every pass of every technique and variant is run: what is counted must be within 10 % of what is
-declared. Where it is not, ``declared_work.csv`` in the technique's folder (in that of the parts, for
-passes that all share) has the ratio that was counted, with a reason, and what is counted
-must be within 10 % of that. Declared is the least that the algorithm needs, so most reasons say
-what a kernel does beyond it. The simulator, one thread and one seed count the same every time: a
-kernel that comes to do a tenth more or less fails here, and its row is counted anew.
+declared. Where it is not, ``declared_work.csv`` in the technique's folder (in that of the parts,
+for passes that all share) has the ratio that was counted, with a reason, and what is counted must
+be within 10 % of that. Declared is the least that the algorithm needs, so most reasons say what a
+kernel does beyond it. The simulator, one thread and one seed count the same every time: a kernel
+that comes to do a tenth more or less fails here, and its row is counted anew.
 
 How Oclgrind 21.10 counts, and what follows:
 

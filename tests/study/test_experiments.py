@@ -9,23 +9,14 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
-from support.rays_oracle import intersect
-from support.tiny_scenes import empty_room, quad_scene, room
 
 from gibench.cli.main import call
 from gibench.errors import BadInput
 from gibench.profiles import load_profile
-from gibench.rays.embree import EmbreeTracer
 from gibench.study.experiments import EXPERIMENTS, common, scaling
 from gibench.study.rows import Rows
 from gibench.study.slope import fit_line
 from gibench.techniques.registry import job_of
-from gibench.techniques.srp.bake.data import ProbeSet
-from gibench.techniques.srp.bake.operator_norm import cosine_vector, operator_norm
-from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.sh import sh_basis
-from gibench.techniques.srp.bake.transport import TransportBaker
-from gibench.techniques.srp.bake.weights import spatial_weight
 
 
 def test_rows_go_on_where_they_stopped(tmp_path):
@@ -54,104 +45,6 @@ def test_the_slopes_interval_holds_the_true_slope_as_often_as_it_says():
     assert exact.slope == pytest.approx(2) and exact.intercept == pytest.approx(1)
     assert fit_line([1.0, 2.0], [1.0, 2.0]) is None
     assert fit_line([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]) is None
-
-
-def test_the_cosine_vector_against_quadrature():
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    azimuth = (np.arange(128) + 0.5) / 128 * 2 * np.pi
-    z, phi = (grid.ravel() for grid in np.meshgrid(nodes, azimuth, indexing="ij"))
-    r = np.sqrt(1 - z**2)
-    directions = np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
-    solid_angle = np.repeat(weights, 128) * 2 * np.pi / 128
-    normal = np.array([0.48, -0.6, 0.64])
-    cosine = np.maximum(directions @ normal, 0.0)
-    integral = (sh_basis(9, directions) * (solid_angle * cosine)[:, None]).sum(axis=0)
-    np.testing.assert_allclose(cosine_vector(normal[None])[0], integral, atol=2e-3)
-
-
-def open_ground():
-    return quad_scene([((-1.0, 0.0, -1.0), (0.0, 0.0, 2.0), (2.0, 0.0, 0.0))], 3)
-
-
-def test_under_an_open_sky_a_probe_loses_nothing_a_receiver_would_use():
-    """Everything is infinitely far: the round trip is a projection to order 7 and back."""
-    scene, lightmap = open_ground()
-    probes = ProbeSet(np.array([[0.0, 0.4, 0.0]], np.float32), 4.0)
-    settings = SrpBakeSettings(sh_order=7, transport_rays=4096, visibility="exact")
-    norms = operator_norm(scene, lightmap, probes, settings, directions=20_000)
-    coarse = SrpBakeSettings(sh_order=0, transport_rays=4096, visibility="exact")
-    assert norms.max() < 0.12
-    assert operator_norm(scene, lightmap, probes, coarse, directions=4000).min() > 0.4
-
-
-def test_more_probes_and_higher_orders_reconstruct_more():
-    scene, lightmap = room()
-    places = np.array([[-0.5, 0.8, -0.5], [0.5, 1.6, 0.5], [-0.5, 1.6, 0.6], [0.6, 0.7, -0.6]])
-    few = ProbeSet(places[:1].astype(np.float32), 4.0)
-    many = ProbeSet(places.astype(np.float32), 4.0)
-    settings = [SrpBakeSettings(sh_order=o, transport_rays=512, visibility="exact") for o in (1, 5)]
-    low, high = (operator_norm(scene, lightmap, many, s, 1024).mean() for s in settings)
-    alone = operator_norm(scene, lightmap, few, settings[1], 1024).mean()
-    assert high < low
-    assert high < alone
-
-
-@pytest.mark.parametrize("kind", ["spatial", "visibility"])
-@pytest.mark.parametrize("order", [0, 3])
-def test_plain_blending_against_float64(kind, order):
-    """Equation 4.3 sample by sample, in the receiver's own direction."""
-    scene, lightmap = room()
-    places = [[-0.8, 0.4, -0.8], [0.7, 0.3, 0.8], [0.0, 1.7, 0.1], [0.75, 1.5, -0.9]]
-    probes = ProbeSet(np.array(places, np.float32), 1.7)
-    settings = SrpBakeSettings(
-        sh_order=order, transport_rays=77, interpolation=kind, least_valid=0.0
-    )
-    tracer = EmbreeTracer(scene.corners, threads=1)
-    baker = TransportBaker(scene, lightmap, probes, settings, tracer, None, 3)
-    worker = baker.worker()
-    receivers = np.arange(0, len(lightmap.receivers), 5, dtype=np.int32)
-    rows, rays = worker.rows(receivers), worker.primary_rays(receivers)
-    c = (order + 1) ** 2
-    matrix = rows.matrix.reshape(len(receivers), -1, c)
-    blocked_some = False
-    for i, receiver in enumerate(receivers):
-        x = lightmap.receivers.position[receiver].astype(np.float64)
-        n = lightmap.receivers.normal[receiver].astype(np.float64)
-        p = probes.positions.astype(np.float64)
-        weight = spatial_weight(np.linalg.norm(x - p, axis=1) / probes.radius)
-        if kind == "visibility":
-            towards = p - (x + baker.offset * n)
-            struck = intersect(scene.corners.astype(np.float64), p - towards, towards)
-            free = (struck.min(axis=1) >= 1) & (towards @ n > 0)
-            blocked_some |= bool((~free & (weight > 0)).any())
-            weight = weight * free
-        d = rays.directions[i].astype(np.float64)
-        live = (d**2).sum(axis=1) > 0.5
-        if weight.sum() == 0:
-            assert rows.valid[i] == 0 and not matrix[i].any()
-            continue
-        assert rows.valid[i] == live.sum()
-        mean = np.pi * sh_basis(order, d[live]).mean(axis=0)
-        expected = weight[rows.probes][:, None] / weight.sum() * mean
-        np.testing.assert_allclose(matrix[i], expected, atol=3e-6)
-    assert blocked_some or kind == "spatial"
-
-
-def test_spatial_blending_of_a_uniform_room_is_exact():
-    """Where radiance is the same everywhere, alpha's constant part alone is pi / Y_0."""
-    scene, lightmap = empty_room()
-    probes = ProbeSet(np.array([[0.1, 1.0, 0.2], [-0.4, 1.2, 0.0]], np.float32), 9.0)
-    settings = SrpBakeSettings(sh_order=0, transport_rays=64, interpolation="spatial")
-    tracer = EmbreeTracer(scene.corners, threads=1)
-    worker = TransportBaker(scene, lightmap, probes, settings, tracer, None, 0).worker()
-    rows = worker.rows(np.arange(len(lightmap.receivers), dtype=np.int32))
-    radiance = np.sqrt(4 * np.pi)  # the coefficient of radiance 1
-    np.testing.assert_allclose(rows.matrix.sum(axis=1) * radiance, np.pi, rtol=1e-5)
-
-
-def test_interpolation_is_checked():
-    with pytest.raises(BadInput, match="interpolation is 'nearest'"):
-        SrpBakeSettings(interpolation="nearest")
 
 
 def test_experiments_are_listed_and_unknown_ones_refused(capsys):
