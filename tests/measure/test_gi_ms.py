@@ -66,5 +66,5 @@ def stages_ms(name: str, root: Path, cache: Path) -> tuple[float, float]:
 def test_a_slow_lookup_is_seen_in_gi_ms(name: str, tmp_path: Path) -> None:
     gi, camera = stages_ms(name, TREE, tmp_path / "cache")
     slow_gi, slow_camera = stages_ms(name, slowed(tmp_path), tmp_path / "cache")
-    assert slow_gi - gi > 20, "a loop of 20 000 turns at 2304 pixels"
+    assert slow_gi > 2 * gi
     assert abs(slow_camera - camera) < 0.2 * (slow_gi - gi)

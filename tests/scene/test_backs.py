@@ -53,8 +53,9 @@ def test_a_ray_meets_the_face_that_fronts_it(
     scene = _obj(tmp_path, moved)
     assert len(scene.triangles) == 4
     assert any("4 triangles in one plane" in line for line in scene.warnings)
-    origins = (*rng.uniform((-2, 0, -1), (2, 2, 1), (20000, 3)), offset, 0, 0)
-    targets = (*rng.uniform((0, 0.01, -0.99), (0, 1.99, 0.99), (20000, 3)), offset, 0, 0)
+    place = np.array([offset, 0.0, 0.0])
+    origins = place + rng.uniform((-2, 0, -1), (2, 2, 1), (20000, 3))
+    targets = place + rng.uniform((0, 0.01, -0.99), (0, 1.99, 0.99), (20000, 3))
     far = np.abs(origins[:, 0] - offset) > 0.01
     origins, directions = (a[far].astype(np.float32) for a in (origins, targets - origins))
     if tracer == "embree":

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from gibench.errors import BadInput
 from gibench.scene.load import load_scene
@@ -93,13 +94,18 @@ def test_sponza() -> None:
     assert len(scene.triangles) == 262_267 - 422
     assert len(np.unique(scene.object_ids)) == 25
     assert len(scene.textures) == 24
-    # The file's positions are half floats times a scale: all 145 thousand come back exactly.
+    # The file's positions are half floats times a scale: all 145 thousand come back exactly, but
+    # for the corners of triangles that are moved off others in their plane.
     with (SCENES / "sponza_crytek/sponza.obj").open() as file:
         found = np.array(
             [line.split()[1:4] for line in file if line.startswith("v ")], np.float64
         ).astype(np.float32)
     ours = np.unique(scene.positions, axis=0)
-    assert np.isin(ours.view("f4,f4,f4"), np.unique(found, axis=0).view("f4,f4,f4")).all()
+    kept = np.isin(ours.view("f4,f4,f4"), np.unique(found, axis=0).view("f4,f4,f4"))[:, 0]
+    moved = next(w for w in scene.warnings if "moved off them" in w)
+    assert np.count_nonzero(~kept) <= 3 * int(moved.split()[0])
+    away, _ = cKDTree(found).query(ours[~kept])
+    assert away.max() < 1e-5 * np.ptp(found, axis=0).max()
     assert is_interior(scene)
     # As written in the file's material comments, computed by others.
     bricks = next(m for m in scene.materials if m.name == "bricks")
