@@ -1,0 +1,318 @@
+"""What a trace says of any GPU: pure functions of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.arrays import Doubles, Longs
+from gibench.trace import waves
+from gibench.trace.instrument import ATOMIC
+from gibench.trace.trace import Trace
+
+SIMD_WIDTHS = (32, 64)
+"""Lanes of a wave: NVIDIA's, Apple's and RDNA's; GCN's."""
+CACHE_BYTES = tuple(1 << power for power in (14, 16, 18, 20, 22))
+"""Caches that the reuse curve is read at: 16 KB to 4 MB."""
+_STREAM = 24 << 20
+
+
+@dataclass(frozen=True)
+class AccessFacts:
+    """What one load, store or atomic of the kernel did, at one SIMD width.
+
+    Attributes:
+        buffer: the argument or local array that it touches.
+        kind: ``LOAD``, ``STORE`` or ``ATOMIC``.
+        nbytes: of a lane.
+        requests: of waves, of at most 16 bytes a lane each.
+        lines: cache lines touched.
+        fewest_lines: that could hold the bytes asked for.
+        cycles: of local memory's banks.
+        fewest_cycles: without conflicts.
+        stride: bytes between neighbouring lanes, None where they are scattered.
+    """
+
+    buffer: str
+    kind: int
+    nbytes: int
+    requests: int
+    lines: int
+    fewest_lines: int
+    cycles: int
+    fewest_cycles: int
+    stride: int | None
+
+
+@dataclass(frozen=True)
+class SimdFacts:
+    """What the sampled groups do as waves of one width.
+
+    Attributes:
+        simd: lanes.
+        lines_over_fewest: cache lines (64 bytes) touched over the fewest that could hold the bytes
+            asked for; NaN where no global memory is touched.
+        sectors_over_fewest: the same of sectors (32 bytes).
+        efficiency: share of issued lanes that are active, weighted by instructions.
+        bank_conflicts: cycles of local memory over the fewest; NaN where it is not touched.
+        accesses: what each access did.
+        lines_error: standard error of ``lines_over_fewest`` from runs of groups; NaN of one run.
+        efficiency_error: of ``efficiency``.
+    """
+
+    simd: int
+    lines_over_fewest: float
+    sectors_over_fewest: float
+    efficiency: float
+    bank_conflicts: float
+    accesses: tuple[AccessFacts, ...] = field(repr=False)
+    lines_error: float
+    efficiency_error: float
+
+
+@dataclass(frozen=True)
+class LaunchFacts:
+    """What a launch does.
+
+    Attributes:
+        groups: of the launch.
+        traced: groups that were.
+        items: work-items of a group.
+        local_bytes: of a group.
+        simd: by width.
+        flops: of the whole launch, scaled from the sample.
+        instructions: issue slots of lanes of the whole launch, scaled from the sample.
+        instructions_error: relative standard error of the two.
+        dram_bytes: fetched and written back behind one cache of each of ``CACHE_BYTES`` (fully
+            associative, LRU, 32-byte sectors) that one run of adjacent groups has to itself, scaled
+            to the launch.
+        requested_bytes: all sectors of all requests, scaled to the launch.
+        atomics: of the whole launch, on global and local memory.
+        atomics_per_address: the most on one address, of the sampled groups.
+        private_per_item: accesses of an item to private memory that registers may not hold.
+        outside: accesses of the sample that lie in no buffer.
+        reuse: reuses (64,) by distance: fewer than 2^i sectors, and not fewer than half of that.
+        cold: sectors of the sample that are touched for the first time.
+    """
+
+    groups: int
+    traced: int
+    items: int
+    local_bytes: int
+    simd: tuple[SimdFacts, ...]
+    flops: float
+    instructions: float
+    instructions_error: float
+    dram_bytes: tuple[float, ...]
+    requested_bytes: float
+    atomics: float
+    atomics_per_address: int
+    private_per_item: float
+    outside: int
+    reuse: Longs = field(repr=False)
+    cold: int
+
+
+@dataclass
+class _Formed:
+    """Sums of every group (g, ...) at one width, and the sectors of its global requests."""
+
+    waves: Longs
+    lanes: Longs
+    sums: Longs
+    where: Longs
+    strides: Longs
+    atomics: list[Longs]
+    streams: list[Longs]
+
+
+def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
+    """What ``trace`` says; its memory traffic at the first of ``widths``."""
+    formed = [_form(trace, simd) for simd in widths]
+    first = formed[0]
+    scale = trace.total_groups / len(trace.groups)
+    per_group = first.lanes @ trace.tables.instructions
+    traffic = _traffic(trace, first)
+    addresses = np.concatenate([np.zeros(0, np.int64), *first.atomics])
+    most = int(np.unique(addresses, return_counts=True)[1].max(initial=0))
+    sampled = len(trace.groups) * trace.request.items
+    return LaunchFacts(
+        groups=trace.total_groups,
+        traced=len(trace.groups),
+        items=trace.request.items,
+        local_bytes=trace.local_bytes,
+        simd=tuple(_simd_facts(trace, f, w) for f, w in zip(formed, widths, strict=True)),
+        flops=float((first.lanes @ trace.tables.flops).sum()) * scale,
+        instructions=float(per_group.sum()) * scale,
+        instructions_error=_error(trace, per_group, np.ones(len(per_group)))
+        / max(float(per_group.mean()), 1e-30),
+        dram_bytes=traffic.dram,
+        requested_bytes=traffic.requested,
+        atomics=len(addresses) * scale,
+        atomics_per_address=most,
+        private_per_item=float(first.sums[:, :, waves.PRIVATE].sum()) / sampled,
+        outside=int(first.sums[:, :, waves.OUTSIDE].sum()),
+        reuse=traffic.reuse,
+        cold=traffic.cold,
+    )
+
+
+def _form(trace: Trace, simd: int) -> _Formed:
+    tables, ranges, items = trace.tables, trace.ranges, trace.request.items
+    groups, blocks, accesses = len(trace.groups), len(tables.accesses), len(tables.kind)
+    is_global = ~ranges.is_local
+    low, high = 0, 0
+    if len(ranges.start):
+        low, high = (
+            int(ranges.start[is_global].min(initial=1 << 62)),
+            int(ranges.end[is_global].max(initial=0)),
+        )
+    formed = _Formed(
+        np.zeros((groups, blocks), np.int64),
+        np.zeros((groups, blocks), np.int64),
+        np.zeros((groups, accesses, waves.COLUMNS), np.int64),
+        np.full(accesses, -1, np.int64),
+        np.zeros((accesses, 3), np.int64),
+        [],
+        [],
+    )
+    stream = np.empty(1 << 20, np.int64)
+    atomics = np.empty(1 << 16, np.int64)
+    starts = np.concatenate([[0], trace.ends[:-1]])
+    room = _STREAM
+    for group in range(groups):
+        own = slice(group * items, (group + 1) * items)
+        wave_ends = np.zeros(-(-items // simd), np.int64)
+        while True:
+            # Sums of their own, added once everything fitted.
+            parts = (
+                np.zeros(blocks, np.int64),
+                np.zeros(blocks, np.int64),
+                np.zeros((accesses, waves.COLUMNS), np.int64),
+            )
+            strides = formed.strides.copy()
+            used, count = waves.form_waves(
+                *(trace.words, starts[own], trace.ends[own], simd),
+                *(tables.accesses, tables.first_access, tables.post_dominator),
+                *(tables.kind, tables.nbytes),
+                *(ranges.start, ranges.end, ranges.is_local, low, high),
+                *(*parts, formed.where, strides, atomics, stream, wave_ends),
+            )
+            if used <= len(stream) and count <= len(atomics):
+                break
+            stream = np.empty(max(used, len(stream)), np.int64)
+            atomics = np.empty(max(count, len(atomics)), np.int64)
+        formed.waves[group], formed.lanes[group], formed.sums[group] = parts
+        formed.strides = strides
+        formed.atomics.append(atomics[:count].copy())
+        merged = np.empty(used, np.int64)
+        waves.interleave(stream, wave_ends, merged)
+        formed.streams.append(merged[:room])
+        room = max(0, room - used)
+    return formed
+
+
+def _simd_facts(trace: Trace, formed: _Formed, simd: int) -> SimdFacts:
+    column = formed.sums.sum(axis=1).astype(float)  # (groups, COLUMNS)
+    instructions = trace.tables.instructions
+    busy = formed.lanes @ instructions
+    issued = formed.waves @ instructions * simd
+    lines, fewest = column[:, waves.LINES], column[:, waves.FEWEST_LINES]
+    return SimdFacts(
+        simd=simd,
+        lines_over_fewest=_ratio(lines, fewest),
+        sectors_over_fewest=_ratio(column[:, waves.SECTORS], column[:, waves.FEWEST_SECTORS]),
+        efficiency=_ratio(busy, issued),
+        bank_conflicts=_ratio(column[:, waves.CYCLES], column[:, waves.FEWEST_CYCLES]),
+        accesses=_access_facts(trace, formed),
+        lines_error=_error(trace, lines, fewest),
+        efficiency_error=_error(trace, busy, issued),
+    )
+
+
+def _access_facts(trace: Trace, formed: _Formed) -> tuple[AccessFacts, ...]:
+    found = []
+    for row, sums in enumerate(formed.sums.sum(axis=0)):
+        if formed.where[row] < 0:
+            continue
+        stride, votes, pairs = (int(number) for number in formed.strides[row])
+        found.append(
+            AccessFacts(
+                buffer=trace.ranges.names[formed.where[row]],
+                kind=int(trace.tables.kind[row]),
+                nbytes=int(trace.tables.nbytes[row]),
+                requests=int(sums[waves.REQUESTS]),
+                lines=int(sums[waves.LINES]),
+                fewest_lines=int(sums[waves.FEWEST_LINES]),
+                cycles=int(sums[waves.CYCLES]),
+                fewest_cycles=int(sums[waves.FEWEST_CYCLES]),
+                stride=stride if pairs and votes > pairs / 2 else None,
+            )
+        )
+    return tuple(found)
+
+
+def is_atomic(fact: AccessFacts) -> bool:
+    """Whether an access is an atomic."""
+    return fact.kind == ATOMIC
+
+
+@dataclass(frozen=True)
+class _Traffic:
+    dram: tuple[float, ...]
+    requested: float
+    reuse: Longs
+    cold: int
+
+
+def _traffic(trace: Trace, formed: _Formed) -> _Traffic:
+    """Bytes behind caches, first touches held to what the buffers have."""
+    sizes = np.array(CACHE_BYTES, np.int64) // waves.SECTOR
+    again = np.zeros(len(sizes))
+    reuse = np.zeros(64, np.int64)
+    first_reads = np.zeros(len(trace.ranges.names))
+    first_writes = np.zeros(len(trace.ranges.names))
+    cold = total = seen = 0
+    for run in np.unique(trace.run):
+        members = np.nonzero(trace.run == run)[0]
+        words = np.concatenate([formed.streams[member] for member in members])
+        sectors, places = np.unique(words >> 3, return_inverse=True)
+        fetched, written, by_read, ever, histogram = waves.reuse_misses(
+            places, words, len(sectors), sizes
+        )
+        again += fetched + written
+        reuse += histogram
+        # The last byte of a sector lies in the buffer whose first byte may lie before it.
+        of = np.searchsorted(trace.ranges.start, sectors * waves.SECTOR + waves.SECTOR - 1, "right")
+        np.add.at(first_reads, of - 1, by_read)
+        np.add.at(first_writes, of - 1, ever)
+        cold += len(sectors)
+        total += len(words)
+        seen += len(members)
+    scale = trace.total_groups / max(seen, 1)
+    most = -(-(trace.ranges.end - trace.ranges.start) // waves.SECTOR)
+    once = np.minimum(first_reads * scale, most) + np.minimum(first_writes * scale, most)
+    dram = (again * scale + once.sum()) * waves.SECTOR
+    return _Traffic(tuple(dram.tolist()), total * scale * waves.SECTOR, reuse, cold)
+
+
+def _ratio(above: npt.ArrayLike, below: npt.ArrayLike) -> float:
+    under = float(np.sum(below))
+    return float(np.sum(above)) / under if under else float("nan")
+
+
+def _error(trace: Trace, above: Doubles, below: Doubles) -> float:
+    """The standard error of a ratio of sums over runs of groups, by the jackknife (Efron and Stein
+    1981); NaN of a single run, 0 where the whole launch was traced.
+    """
+    if len(trace.groups) == trace.total_groups:
+        return 0.0
+    runs = np.unique(trace.run)
+    if len(runs) < 2:
+        return float("nan")
+    left_out = np.array([_ratio(above[trace.run != run], below[trace.run != run]) for run in runs])
+    n = len(runs)
+    return float(np.sqrt((n - 1) / n * ((left_out - left_out.mean()) ** 2).sum()))

@@ -1,0 +1,157 @@
+"""What is traced, as plain data in a folder: source, arguments, sizes; for another process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.device import (
+    Access,
+    Buffer,
+    Define,
+    Device,
+    LocalMemory,
+    PreparedLaunch,
+)
+
+
+@dataclass(frozen=True)
+class TracedArgument:
+    """An argument of a traced kernel.
+
+    Attributes:
+        name: the parameter's.
+        data: a buffer's content, or a number of the type that the kernel takes; None of local
+            memory.
+        nbytes: of local memory; 0 of others.
+        written: whether the kernel may write it.
+    """
+
+    name: str
+    data: npt.NDArray[Any] | np.generic | None
+    nbytes: int = 0
+    written: bool = False
+
+    @property
+    def is_buffer(self) -> bool:
+        """Whether it is a buffer in global memory."""
+        return isinstance(self.data, np.ndarray)
+
+
+@dataclass(frozen=True)
+class Request:
+    """A launch to trace.
+
+    Attributes:
+        source: OpenCL C, includes expanded.
+        defines: its macros.
+        kernel: the kernel's name.
+        args: in the kernel's order.
+        items: work-items per group.
+        groups: number of groups along both dimensions.
+        label: for messages, ``srp/tuned.cl: probe_update``.
+    """
+
+    source: str
+    defines: Mapping[str, Define]
+    kernel: str
+    args: Sequence[TracedArgument]
+    items: int
+    groups: tuple[int, int]
+    label: str
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How much of a launch is traced.
+
+    Attributes:
+        runs: of adjacent groups, spread evenly over the launch.
+        length: groups of a run.
+        words: 64-bit words of the record, at most: one for every block and access of a work-item.
+        seconds: no further group is begun after that long.
+        timeout: the process is ended after that long, seconds.
+        whole: run every group, for what the launch leaves in its buffers.
+    """
+
+    runs: int = 4
+    length: int = 4
+    words: int = 24 << 20
+    seconds: float = 8.0
+    timeout: float = 60.0
+    whole: bool = False
+
+
+def request_of(device: Device, prepared: PreparedLaunch) -> Request:
+    """The request for a launch as it would run now: reads its buffers from the device.
+
+    Raises:
+        GibenchError: its program cannot be built.
+    """
+    launch = prepared.launch
+    program = device.built(launch)
+    args = []
+    for argument in launch.args:
+        value, written = argument.value, argument.access in (Access.WRITE, Access.UPDATE)
+        if isinstance(value, Buffer):
+            args.append(TracedArgument(argument.name, device.read(value), 0, written))
+        elif isinstance(value, LocalMemory):
+            args.append(TracedArgument(argument.name, None, value.nbytes))
+        else:
+            args.append(TracedArgument(argument.name, value))
+    first, *rows = prepared.global_sizes
+    groups = (first // prepared.local, rows[0] if rows else 1)
+    label = f"{launch.program.path}: {launch.kernel}"
+    return Request(
+        program.source, launch.program.defines, launch.kernel, args, prepared.local, groups, label
+    )
+
+
+def write_request(folder: Path, request: Request, sampling: Sampling) -> None:
+    """Put a request into ``folder``."""
+    entries = []
+    for number, argument in enumerate(request.args):
+        kind = "local" if argument.data is None else "buffer" if argument.is_buffer else "number"
+        if argument.data is not None:
+            np.save(folder / f"arg{number}.npy", np.atleast_1d(argument.data))
+        entries.append(
+            {
+                "name": argument.name,
+                "kind": kind,
+                "nbytes": argument.nbytes,
+                "written": argument.written,
+            }
+        )
+    record = {
+        "source": request.source,
+        "defines": dict(request.defines),
+        "kernel": request.kernel,
+        "args": entries,
+        "items": request.items,
+        "groups": list(request.groups),
+        "label": request.label,
+        "sampling": asdict(sampling),
+    }
+    (folder / "request.json").write_text(json.dumps(record), encoding="utf-8")
+
+
+def read_request(folder: Path) -> tuple[Request, Sampling]:
+    """The request in ``folder``."""
+    record = json.loads((folder / "request.json").read_text(encoding="utf-8"))
+    sampling = Sampling(**record.pop("sampling"))
+    args = []
+    for number, entry in enumerate(record.pop("args")):
+        kind = entry.pop("kind")
+        data: Any = None
+        if kind != "local":
+            data = np.load(folder / f"arg{number}.npy")
+            data = data if kind == "buffer" else data[0]
+        args.append(TracedArgument(data=data, **entry))
+    groups = tuple(record.pop("groups"))
+    return Request(args=args, groups=groups, **record), sampling

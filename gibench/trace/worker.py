@@ -1,0 +1,96 @@
+"""The process that a kernel is traced in: ``python -m gibench.trace.worker FOLDER``."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from gibench.errors import BadInput, CannotRun, GibenchError
+from gibench.trace.execute import Machine, record
+from gibench.trace.instrument import instrument
+from gibench.trace.lower import lower
+from gibench.trace.request import Request, read_request
+
+CACHE = "pocl"
+"""Folder of PoCL's cache beneath the request's."""
+
+
+def bitcode_of(request: Request, cache: Path) -> bytes:
+    """What PoCL compiles the request's program to.
+
+    Args:
+        request: what is traced.
+        cache: PoCL's cache folder, empty; this process was started with it.
+
+    Raises:
+        BadInput: PoCL's compiler refuses the program.
+        CannotRun: there is no PoCL here.
+    """
+    import pyopencl as cl
+
+    from gibench.device import build_program, list_devices
+
+    device = list_devices()[0]
+    if "Portable" not in device.platform.name:
+        raise CannotRun("tracing needs PoCL", mend="pip install 'pyopencl[pocl]'")
+    try:
+        build_program(cl.Context([device]), request.source, request.defines)
+    except cl.Error as error:
+        lines = [line.strip() for line in str(error).split("\n")]
+        told = next((line for line in lines if line.startswith("error:")), lines[0])
+        told = re.sub(r"\S*tempfile_\w+\.cl:", "line ", told.removeprefix("error: "))
+        raise BadInput(f"does not build: {told}", where=request.label) from error
+    found = list(cache.rglob("program.bc"))
+    if not found:
+        raise CannotRun("PoCL left no bitcode in its cache", where=request.label)
+    return found[0].read_bytes()
+
+
+def trace(folder: Path) -> None:
+    """Trace the request in ``folder`` and put what it did beside it.
+
+    Raises:
+        GibenchError: it cannot be traced.
+    """
+    request, sampling = read_request(folder)
+    bitcode = bitcode_of(request, folder / CACHE)
+    instrumented = instrument(lower(bitcode, request.kernel), request.kernel)
+    machine = Machine(instrumented, request, sampling.words)
+    progress = folder / "group"
+    found = record(machine, request, sampling, lambda group: _tell(progress, group))
+    np.savez(folder / "tables.npz", **asdict(instrumented.tables))
+    arrays = {name: value for name, value in asdict(found).items() if isinstance(value, np.ndarray)}
+    for name, value in arrays.items():
+        np.save(folder / f"{name}.npy", value)
+    place = 0
+    for number, argument in enumerate(request.args):
+        if argument.is_buffer or argument.data is None:
+            if argument.written and sampling.whole:
+                np.save(folder / f"out{number}.npy", machine.arena.view(place))
+            place += 1
+    told = {"too_large": found.too_large, "names": machine.names,
+            "locals": [list(each) for each in instrumented.locals]}  # fmt: skip
+    (folder / "done.json").write_text(json.dumps(told), encoding="utf-8")
+
+
+def _tell(path: Path, group: int) -> None:
+    path.write_text(str(group), encoding="utf-8")
+
+
+def main(folder: Path) -> None:
+    """Trace, or leave the reason why not."""
+    try:
+        trace(folder)
+    except GibenchError as error:
+        told = {"what": error.what, "where": error.where, "mend": error.mend,
+                "code": error.exit_code}  # fmt: skip
+        (folder / "refused.json").write_text(json.dumps(told), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
