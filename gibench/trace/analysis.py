@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from mmap import PAGESIZE
 
 import numpy as np
 import numpy.typing as npt
@@ -163,13 +164,9 @@ def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
 def _form(trace: Trace, simd: int) -> _Formed:
     tables, ranges, items = trace.tables, trace.ranges, trace.request.items
     groups, blocks, accesses = len(trace.groups), len(tables.accesses), len(tables.kind)
-    is_global = ~ranges.is_local
-    low, high = 0, 0
-    if len(ranges.start):
-        low, high = (
-            int(ranges.start[is_global].min(initial=1 << 62)),
-            int(ranges.end[is_global].max(initial=0)),
-        )
+    # To the end of the last buffer's page: what follows in it belongs to no buffer.
+    low = int(ranges.start[~ranges.is_local].min(initial=1 << 62))
+    high = -(-int(ranges.end[~ranges.is_local].max(initial=0)) // PAGESIZE) * PAGESIZE
     formed = _Formed(
         np.zeros((groups, blocks), np.int64),
         np.zeros((groups, blocks), np.int64),

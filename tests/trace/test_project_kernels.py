@@ -1,0 +1,146 @@
+"""Traced kernels of the project leave what the device leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
+from cases import Case
+
+from gibench.trace.analysis import analyse
+from gibench.trace.request import Request, Sampling, read_request
+from gibench.trace.trace import trace_launch
+
+ROOT = Path(__file__).parents[1]
+WHOLE = Sampling(whole=True, timeout=300.0)
+
+PUBLISHED = Case("frames", 16, 4, "ddgi", "published")
+# One a folder of kernels_cl that holds kernels of its own.
+ONE_A_FOLDER = {
+    "srp": ("srp/tuned_projection.cl:cluster_projection", Case("frames", 16, 8, "srp", "tuned")),
+    "parts": ("parts/lightmap_update.cl:lightmap_update", Case("frames", 16, 8, "srp", "tuned")),
+    "ddgi": ("ddgi/published_blend.cl:blend_irradiance", PUBLISHED),
+    "gibs": ("gibs/life.cl:coverage", Case("frames", 16, 8, "gibs", "tuned")),
+    "rays": ("rays/trace.cl:trace_closest", Case("rays", 16, 8)),
+    "measure": ("measure/roofs.cl:roof_triad", Case("roofs", 16, 8)),
+    "reference": ("reference/path.cl:*", Case("reference", 16, 8)),
+}  # fmt: skip
+EVERY = [
+    Case(*each)
+    for size, width in ((16, 8), (64, 4))
+    for each in (
+        *(("frames", size, width, name, variant)
+          for name in ("srp", "gibs", "ddgi", "direct") for variant in ("published", "tuned")),
+        ("moving", size, width, "direct", "tuned"),
+        *((what, size, width) for what in ("roofs", "rays", "reference")),
+    )
+]  # fmt: skip
+
+
+def captured(
+    folder: Path, cache: Path, kernels: Sequence[str], cases: Sequence[Case]
+) -> list[Path]:
+    folder.mkdir()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT.parent), str(ROOT)])}
+    command = [sys.executable, str(ROOT / "support" / "launch_capture.py"), str(folder), str(cache)]
+    command += [",".join(kernels), *(json.dumps(asdict(case)) for case in cases)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return sorted(folder.iterdir(), key=lambda path: int(path.name))
+
+
+def differences(folder: Path) -> Iterator[str]:
+    """What a traced launch leaves otherwise than the device did."""
+    request, _ = read_request(folder)
+    trace = trace_launch(request, WHOLE)
+    facts = analyse(trace)
+    if facts.outside:
+        yield f"{request.label}: {facts.outside} accesses outside every buffer"
+    for number, argument in enumerate(request.args):
+        file = folder / f"after{number}.npy"
+        if file.is_file():
+            found, expected = trace.outputs[argument.name], np.load(file)
+            if not alike(found, expected):
+                yield f"{request.label}: {argument.name} {_worst(found, expected)}"
+
+
+def alike(found: np.ndarray, expected: np.ndarray) -> bool:
+    """Within rounding; words that hold floats are read so, and lists that atomics fill may come in
+    another order.
+    """
+    if found.dtype.kind == "f":
+        return near(found, expected)
+    if np.array_equal(found, expected):
+        return True
+    if np.array_equal(np.sort(found, axis=None), np.sort(expected, axis=None)):
+        return True
+    kinds = [
+        kind for kind in (np.float32, np.float16) if found.nbytes % np.dtype(kind).itemsize == 0
+    ]
+    return any(near(_as(found, kind), _as(expected, kind)) for kind in kinds)
+
+
+def near(found: np.ndarray, expected: np.ndarray) -> bool:
+    found, expected = found.astype(np.float64), expected.astype(np.float64)
+    largest = float(np.abs(expected[np.isfinite(expected)]).max(initial=0.0))
+    return np.allclose(found, expected, rtol=1e-3, atol=1e-4 * largest, equal_nan=True)
+
+
+def _as(values: np.ndarray, kind: type) -> np.ndarray:
+    return np.ascontiguousarray(values).reshape(-1).view(np.uint8).view(kind)
+
+
+def _worst(found: np.ndarray, expected: np.ndarray) -> str:
+    wrong = np.nonzero(np.ravel(found) != np.ravel(expected))[0]
+    at = int(wrong[0])
+    return (
+        f"differs in {len(wrong)} of {found.size} ({found.dtype}): "
+        f"{np.ravel(found)[at]!r} for {np.ravel(expected)[at]!r}"
+    )
+
+
+@pytest.mark.parametrize("name", list(ONE_A_FOLDER))
+def test_one_kernel_of_each_folder_leaves_what_the_device_leaves(
+    name: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    kernel, case = ONE_A_FOLDER[name]
+    cache = tmp_path_factory.getbasetemp() / "traced-bakes"
+    cache.mkdir(exist_ok=True)
+    wanted = "all" if kernel.endswith("*") else kernel
+    folders = captured(tmp_path / "launches", cache, [wanted], [case])
+    folders = [f for f in folders if read_request(f)[0].label.startswith(kernel.rstrip("*"))]
+    assert folders
+    assert list(differences(folders[0])) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", EVERY, ids=str)
+def test_every_kernel_leaves_what_the_device_leaves(case: Case, tmp_path: Path) -> None:
+    folders = captured(tmp_path / "launches", tmp_path, ["all"], [case])
+    assert folders
+    assert [line for folder in folders for line in differences(folder)] == []
+
+
+def test_a_request_comes_back_from_its_folder(tmp_path: Path) -> None:
+    from gibench.trace.request import TracedArgument, write_request
+
+    args = [
+        TracedArgument("a", np.arange(3, dtype=np.float32), 0, True),
+        TracedArgument("n", np.int32(7)),
+        TracedArgument("l", None, 64),
+    ]
+    request = Request("source", {"WIDTH": 8}, "k", args, 32, (4, 2), "k")
+    write_request(tmp_path, request, Sampling(runs=2))
+    found, sampling = read_request(tmp_path)
+    assert (found.defines, found.groups, found.items) == ({"WIDTH": 8}, (4, 2), 32)
+    np.testing.assert_array_equal(found.args[0].data, args[0].data)
+    assert (found.args[1].data, found.args[2].nbytes, sampling.runs) == (7, 64, 2)
