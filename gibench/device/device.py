@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from copy import copy
+from functools import cache
 from importlib.resources.abc import Traversable
 from typing import Any
 
@@ -46,8 +47,14 @@ def list_devices() -> list[Any]:
             mend="install one: pip install 'pyopencl[pocl]' brings PoCL, which runs on any CPU",
         )
     for device in devices:
-        name_processor(device)
+        _name_once(device)
     return devices
+
+
+@cache
+def _name_once(cl_device: Any) -> None:
+    """A process looks at a device once: it takes 10 ms and more."""
+    name_processor(cl_device)
 
 
 class Device:

@@ -93,10 +93,11 @@ def test_what_techniques_declare_is_tried_and_the_options_narrow_it():
     ]
 
 
+# As test_quality.py has it, so that what is built for one serves the other.
 SMALL = (
-    *("--receivers", "300", "--resolution", "32x24", "--target-error", "0.5", "--frames", "32"),
-    *("-t", "srp", "-t", "direct", "--sh-order", "1", "--set", "srp.transport_rays=32"),
-    *("--set", "srp.relight_samples=32"),
+    *("--receivers", "400", "--resolution", "48x32", "--target-error", "0.5", "--frames", "32"),
+    *("-t", "srp", "-t", "direct", "--sh-order", "1", "--set", "srp.transport_rays=64"),
+    *("--set", "srp.relight_samples=64", "--reference-paths", "16"),
 )
 
 
@@ -137,7 +138,17 @@ def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys):
         return settle(job, *how)
 
     monkeypatch.setattr(quality, "settle", once_interrupted)
-    command = ["advise", *SMALL[:8], "-t", "direct", "--variant", "published", "--variant", "tuned"]
+    command = [
+        "advise",
+        *SMALL[:8],
+        *SMALL[-2:],
+        "-t",
+        "direct",
+        "--variant",
+        "published",
+        "--variant",
+        "tuned",
+    ]
     command += ["--budget-ms", "10000", "--cache-dir", str(tmp_path / "cache")]
     command += ["--out", str(tmp_path / "a"), "-q"]
     assert call(command) == 130
