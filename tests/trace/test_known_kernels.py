@@ -9,7 +9,8 @@ import pytest
 from support.traced import traced
 
 from gibench.errors import BadInput, CannotRun, CheckFailed
-from gibench.trace.analysis import AccessFacts, LaunchFacts, analyse
+from gibench.trace.analysis import analyse
+from gibench.trace.facts import AccessFacts, LaunchFacts
 from gibench.trace.request import Sampling
 from gibench.trace.trace import Trace
 

@@ -1,0 +1,122 @@
+"""``gibench explain``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from gibench.cli import options
+
+_NONE: list[str] = []
+
+
+def explain(
+    device_profile: options.Profile = "iphone7",
+    scene: options.Scene = "cornell-box",
+    technique: options.Techniques = ["srp"],  # noqa: B006 (typer copies its defaults)
+    variant: options.Variants = ["tuned"],  # noqa: B006
+    kernel: Annotated[
+        list[str],
+        typer.Option(
+            "--kernel",
+            metavar="FILE:NAME",
+            help="Only this kernel: of a technique (srp/tuned_probes.cl:probe_update), or of your "
+            "own OpenCL C file, whose arguments --arg gives.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = _NONE,
+    arg: Annotated[
+        list[str],
+        typer.Option(
+            "--arg",
+            metavar="NAME=VALUE",
+            help="Argument of your own kernel: a number; for a buffer or local memory its number "
+            "of elements, or a .npy file.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = _NONE,
+    items: Annotated[
+        int | None,
+        typer.Option(
+            "--items",
+            min=1,
+            metavar="N",
+            help="Work-items of your own kernel; by default the elements of its largest buffer.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = None,
+    sh_order: options.ShOrders = None,
+    probes: options.Probes = None,
+    receivers: options.ReceiverCounts = None,
+    workgroup_size: options.WorkgroupSizes = None,
+    settings: options.Set = None,
+    frame: Annotated[
+        int,
+        typer.Option(
+            "--frame",
+            min=0,
+            metavar="N",
+            help="The frame that is traced; those before it run as ever.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = 4,
+    resolution: options.Resolution = "1334x750",
+    camera: options.CameraChoice = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Folder for explain.csv and explain.md; by default "
+            "results/explain/<UTC time>-<profile>.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    seed: options.Seed = 0,
+    cache_dir: options.CacheDir = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Say what each pass does to a GPU's memory, and what stands in its way.
+
+    Traces whole sampled work-groups of a frame's launches on PoCL and forms them into waves of 32
+    and 64 lanes: cache lines touched over the fewest, lanes active, bank conflicts, bytes of DRAM
+    behind caches, atomics on one address. Nothing is timed. Needs the extra 'project'.
+
+    Examples:
+
+      gibench explain -t srp -t ddgi --device-profile vega56
+
+      gibench explain --kernel mine.cl:blur --arg image=1048576 --arg out=1048576 --arg width=1024
+    """
+    from gibench.commands.explain import explain as explained
+
+    result = explained(
+        device_profile=device_profile,
+        scene=scene,
+        technique=technique,
+        variant=variant,
+        kernel=kernel,
+        arg=arg,
+        items=items,
+        sh_order=sh_order,
+        probes=probes,
+        receivers=receivers,
+        workgroup_size=workgroup_size,
+        settings=settings,
+        frame=frame,
+        resolution=resolution,
+        camera=camera,
+        out=out,
+        seed=seed,
+        cache_dir=cache_dir,
+    )
+    if not quiet:
+        from gibench.report.explain import show_explanation
+
+        show_explanation(result.table, result.profile)
+        typer.echo(f"see {result.folder}")
+    if result.error is not None:
+        raise result.error

@@ -1,0 +1,265 @@
+"""``gibench explain``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.commands import asked
+from gibench.device import Device
+from gibench.device.device import select_cl_device
+from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
+from gibench.measure.runfolder.folder import RunFolder, default_folder
+from gibench.measure.session.enqueue import PreparedPass
+from gibench.measure.session.session import Session, check_job
+from gibench.measure.session.shared import Shared
+from gibench.profiles import DeviceProfile
+from gibench.report import explain as told
+from gibench.report.tables import csv_text
+from gibench.techniques.job import Job
+from gibench.trace.extra import require_extra
+from gibench.trace.facts import CACHE_BYTES, SIMD_WIDTHS, LaunchFacts
+from gibench.trace.own_kernel import own_request
+from gibench.trace.request import Request, Sampling, request_of
+
+Row = dict[str, Any]
+_AT_ONCE = 2
+"""Launches that are traced side by side, each with a copy of its buffers."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What launches do.
+
+    Attributes:
+        folder: with ``explain.csv``.
+        table: a row per launch.
+        profile: whose units the figures are set against.
+        error: what is not fine: some launch could not be traced.
+    """
+
+    folder: Path
+    table: pd.DataFrame = field(repr=False)
+    profile: DeviceProfile
+    error: GibenchError | None
+
+
+def explain(
+    device_profile: str = "iphone7",
+    scene: str = "cornell-box",
+    technique: asked.Texts = ("srp",),
+    variant: asked.Texts = ("tuned",),
+    kernel: asked.Texts = (),
+    arg: Sequence[str] = (),
+    items: int | None = None,
+    sh_order: asked.Numbers = None,
+    probes: asked.Numbers = None,
+    receivers: asked.Numbers = None,
+    workgroup_size: asked.Sizes = None,
+    settings: asked.SettingsAsked = None,
+    frame: int = 4,
+    resolution: str | tuple[int, int] = "1334x750",
+    camera: str | int | None = None,
+    out: str | Path | None = None,
+    seed: int = 0,
+    cache_dir: str | Path | None = None,
+) -> Explanation:
+    """Trace launches, as ``gibench explain`` does; its help says what everything is.
+
+    Raises:
+        BadInput: an input is wrong.
+        CannotRun: the extra is missing, or a technique does not fit the profile.
+        GibenchError: the folder cannot be written.
+    """
+    arguments = asked.recorded(locals(), "variant", "frame", "arg", "items")
+    arguments |= {"command": "explain", "kernel": [Path(k).name for k in asked.several(kernel)]}
+    require_extra()
+    profile = asked.load_profiles([device_profile])[0]
+    files, names = _kernels(asked.several(kernel))
+    if (arg or items) and not files:
+        raise BadInput(
+            "--arg and --items are for a kernel of your own", mend="add --kernel FILE.cl:NAME"
+        )
+    rows: list[Row] = []
+    jobs: list[Job] = []
+    if not files or names:
+        jobs = asked.jobs_of(
+            device_profile=device_profile,
+            scene=scene,
+            technique=technique,
+            variant=variant,
+            sh_order=sh_order,
+            probes=probes,
+            receivers=receivers,
+            workgroup_size=workgroup_size,
+            settings=settings,
+            shot=asked.shot_of(resolution, camera),
+            seed=seed,
+        )
+    cl_device = select_cl_device(None)
+    shared = Shared(asked.cache_folder(cache_dir), seed)
+    for job in jobs:
+        check_job(job, shared)
+    sizes = [size for size in asked.workgroup_sizes(workgroup_size) if isinstance(size, int)]
+    own = [
+        own_request(
+            *(Device(profile, cl_device), file, name, arg, items),
+            sizes[0] if sizes else profile.default_workgroup_size,
+        )
+        for file, name in files
+    ]
+    path = Path(out) if out else Path("results", "explain", default_folder([profile.name]).name)
+    folder = RunFolder.create(path, arguments)
+    for request in own:
+        rows.append(_own_row(request, profile))
+    for job in jobs:
+        rows += _job_rows(job, shared, cl_device, frame, names)
+    if names and not any(row["status"] != "skipped" for row in rows):
+        raise BadInput(f"no pass asked for runs {names[0]}", mend="see 'gibench explain -t ...'")
+    table = pd.DataFrame(rows, columns=told.columns(rows))
+    folder.write_text("explain.csv", csv_text(table))
+    folder.write_text("explain.md", "\n".join(f"- {line}" for line in told.told(table)) + "\n")
+    return Explanation(folder.path, table, profile, _verdict(rows, folder.path))
+
+
+def _kernels(texts: Sequence[str]) -> tuple[list[tuple[Path, str]], list[str]]:
+    """Kernels of a user's files, and names of gibench's own (``srp/tuned.cl:probe_update``)."""
+    from gibench.resources import data
+
+    files, names = [], []
+    for text in texts:
+        file, colon, name = text.rpartition(":")
+        if not (file and colon and name):
+            raise BadInput(
+                f"--kernel '{text}' is not FILE:NAME",
+                mend="write for instance --kernel mine.cl:blur",
+            )
+        if Path(file).is_file():
+            files.append((Path(file), name))
+        elif data("kernels_cl").joinpath(*file.split("/")).is_file():
+            names.append(text)
+        else:
+            raise BadInput(
+                f"there is no kernel file {file}",
+                mend="give the path of an OpenCL C file, or one beneath kernels_cl",
+            )
+    return files, names
+
+
+def _own_row(request: Request, profile: DeviceProfile) -> Row:
+    row: Row = {"technique": "", "variant": "", "scene": "", "profile": profile.name}
+    row |= {"pass": request.label, "kernel": request.kernel, "launch": 0, "frame": 0}
+    return row | _traced(request, profile, 0.0)
+
+
+def _traced(request: Request, profile: DeviceProfile, declared: float) -> Row:
+    """The figures of a launch, or why there are none."""
+    from gibench.trace.analysis import analyse
+    from gibench.trace.trace import trace_launch
+
+    widths = sorted({*SIMD_WIDTHS, min(profile.simd_width, 64)})
+    try:
+        facts: LaunchFacts = analyse(trace_launch(request, Sampling()), widths)
+    except CannotRun as error:
+        return {"status": "skipped", "reason": str(error), "declared_bytes": declared}
+    except GibenchError as error:
+        return {"status": "failed", "reason": str(error), "declared_bytes": declared}
+    sentence = told.sentence(facts, profile, declared)
+    return {
+        **told.row(facts, profile),
+        "declared_bytes": declared,
+        "sentence": sentence,
+        "status": "ok",
+        "reason": "",
+    }
+
+
+def _job_rows(
+    job: Job, shared: Shared, cl_device: Any, frame: int, names: Sequence[str]
+) -> list[Row]:
+    """A row per launch of the job's frame ``frame``, buffers as the launch finds them."""
+    with Session.open(job, shared, cl_device) as session:
+        session.prepare()
+        for number in range(frame):
+            session.frame(number)
+        queue = session.device.queue
+        session.technique.begin_frame(frame)
+        queue.finish()
+        waiting: list[tuple[Row, Future[Row]]] = []
+        rows: list[Row] = []
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            for item, place in _launches(session.prepared):
+                head = _head(job, session, item, frame)
+                if place is None:
+                    reason = {"status": item.status, "reason": item.problem}
+                    rows.append({**head, "kernel": "", "launch": 0, **reason})
+                    continue
+                launch = item.launches[place]
+                name = f"{launch.launch.program.path}:{launch.launch.kernel}"
+                if launch.global_size and (not names or name in names):
+                    queue.finish()
+                    request = request_of(session.device, launch)
+                    declared = item.work.bytes_read + item.work.bytes_written
+                    alone = declared if len(item.launches) == 1 else 0.0
+                    head |= {"kernel": request.kernel, "launch": place}
+                    while sum(not future.done() for _, future in waiting) >= _AT_ONCE:
+                        next(f for _, f in waiting if not f.done()).result()
+                    waiting.append((head, pool.submit(_traced, request, job.profile, alone)))
+                    rows.append(head | {"declared_bytes": declared})
+                launch.enqueue(queue)
+            queue.finish()
+        for head, future in waiting:
+            at = next(n for n, row in enumerate(rows) if _same(row, head))
+            rows[at] = {**head, **future.result(), "declared_bytes": rows[at]["declared_bytes"]}
+    return _with_declared(rows)
+
+
+def _head(job: Job, session: Session, item: PreparedPass, frame: int) -> Row:
+    return {
+        "technique": job.technique,
+        "variant": job.variant,
+        "scene": session.world.scene.name,
+        "profile": job.profile.name,
+        "pass": item.name,
+        "frame": frame,
+    }
+
+
+def _same(row: Row, head: Row) -> bool:
+    return all(row.get(name) == head[name] for name in ("pass", "kernel", "launch"))
+
+
+def _launches(prepared: Sequence[PreparedPass]) -> Iterator[tuple[PreparedPass, int | None]]:
+    for item in prepared:
+        if item.problem:
+            yield item, None
+        for place in range(len(item.launches)):
+            yield item, place
+
+
+def _with_declared(rows: list[Row]) -> list[Row]:
+    """Bytes of DRAM behind the shown cache over what the pass declares, all its launches
+    together.
+    """
+    key = f"dram_bytes_{CACHE_BYTES[CACHE_BYTES.index(told.SHOWN_CACHE)] >> 10}k"
+    for row in rows:
+        same = [other for other in rows if other["pass"] == row["pass"]]
+        if row.get("declared_bytes") and all(other["status"] == "ok" for other in same):
+            moved = sum(other[key] for other in same)
+            row["dram_over_declared"] = moved / row["declared_bytes"]
+    return rows
+
+
+def _verdict(rows: Sequence[Row], folder: Path) -> GibenchError | None:
+    failed = [row for row in rows if row["status"] == "failed"]
+    if failed:
+        return CheckFailed(str(failed[0]["reason"]), mend=f"the others are in {folder}")
+    if not any(row["status"] == "ok" for row in rows):
+        reason = str(rows[0]["reason"]) if rows else "nothing was launched"
+        return CannotRun(reason)
+    return None

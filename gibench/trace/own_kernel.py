@@ -1,0 +1,137 @@
+"""A user's own kernel as something to trace: its arguments from texts."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.device import Device, Parameter, Program, ProgramSpec, build_program
+from gibench.errors import BadInput
+from gibench.trace.request import Request, TracedArgument
+
+_TYPES: dict[str, type[np.generic]] = {
+    "char": np.int8,
+    "uchar": np.uint8,
+    "short": np.int16,
+    "ushort": np.uint16,
+    "int": np.int32,
+    "uint": np.uint32,
+    "long": np.int64,
+    "ulong": np.uint64,
+    "float": np.float32,
+    "double": np.float64,
+    "half": np.float16,
+    "size_t": np.uint64,
+    "unsigned int": np.uint32,
+    "bool": np.bool_,
+}
+
+
+def own_request(
+    device: Device, file: Path, kernel: str, texts: Sequence[str], items: int | None, group: int
+) -> Request:
+    """The request for a kernel of a user's file.
+
+    Args:
+        device: builds it, for its parameters.
+        file: OpenCL C.
+        kernel: its name in it.
+        texts: ``NAME=VALUE``: a number for a number; for a pointer a number of elements (random in
+            [0, 1) where they are floats, zeros otherwise; of local memory only their room), or a
+            ``.npy`` file with its content.
+        items: work-items; by default the elements of its largest buffer.
+        group: work-items per group.
+
+    Raises:
+        BadInput: the file cannot be read or built, has no such kernel, or an argument is missing,
+            unknown or of the wrong kind.
+    """
+    import pyopencl as cl
+
+    label = f"{file.name}:{kernel}"
+    try:
+        source = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInput(f"cannot be read as text ({error})", where=file) from error
+    try:
+        program = Program(ProgramSpec(file.name), source, build_program(device.context, source, {}))
+    except cl.Error as error:
+        lines = [line.strip() for line in str(error).split("\n")]
+        told = next((line for line in lines if line.startswith("error:")), lines[0])
+        told = re.sub(r"\S*tempfile_\w+\.cl:", "line ", told.removeprefix("error: "))
+        raise BadInput(f"does not build: {told}", where=file) from error
+    if kernel not in program.kernel_names:
+        has = ", ".join(program.kernel_names)
+        raise BadInput(f"has no kernel '{kernel}'", where=file, mend=f"it has {has}")
+    parameters = program.parameters(kernel, program.kernel(kernel)) or ()
+    values = dict(_pair(text) for text in texts)
+    if strangers := sorted(set(values) - {each.name for each in parameters}):
+        names = ", ".join(each.name for each in parameters)
+        raise BadInput(f"has no argument '{strangers[0]}'", where=label, mend=f"it has {names}")
+    args = [_argument(each, values, label) for each in parameters]
+    found = [a.data for a in args if isinstance(a.data, np.ndarray)]
+    count = items or max((len(data) for data in found), default=group)
+    return Request(source, {}, kernel, args, group, (-(-count // group), 1), label)
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not (name and equals and value):
+        raise BadInput(
+            f"--arg '{text}' is not NAME=VALUE",
+            mend="give for instance --arg n=1024 or --arg values=values.npy",
+        )
+    return name, value
+
+
+def _argument(parameter: Parameter, values: Mapping[str, str], label: str) -> TracedArgument:
+    name = parameter.name
+    kind, width = _element(parameter.type_name.rstrip("*"), label)
+    if name not in values:
+        what = "--arg {0}=ELEMENTS or {0}=FILE.npy" if parameter.is_pointer else "--arg {0}=NUMBER"
+        raise BadInput(
+            f"argument '{name}' ({parameter.type_name}) is not given",
+            where=label,
+            mend=f"add {what.format(name)}",
+        )
+    text = values[name]
+    if parameter.is_pointer and text.endswith(".npy"):
+        return TracedArgument(name, _loaded(Path(text)), 0, not parameter.constant)
+    try:
+        number = float(text) if kind.kind == "f" and not parameter.is_pointer else int(text)
+    except ValueError as error:
+        raise BadInput(f"--arg {name}={text} is no number", where=label) from error
+    if not parameter.is_pointer:
+        return TracedArgument(name, kind.type(number))
+    count = int(number)
+    if count < 1:
+        raise BadInput(f"--arg {name}={text} is no number of elements", where=label)
+    if parameter.is_local:
+        return TracedArgument(name, None, count * width * kind.itemsize)
+    shape = (count, width) if width > 1 else (count,)
+    data: npt.NDArray[Any] = np.zeros(shape, kind)
+    if kind.kind == "f":
+        data = np.random.default_rng(0).random(shape).astype(kind)
+    return TracedArgument(name, data, 0, not parameter.constant)
+
+
+def _element(name: str, label: str) -> tuple[np.dtype[Any], int]:
+    """Type and number of components of an element."""
+    match = re.fullmatch(r"([a-z_ ]+?)(2|3|4|8|16)?", name.strip())
+    if match is None or match[1] not in _TYPES:
+        raise BadInput(f"arguments of type {name} cannot be made up", where=label)
+    width = int(match[2] or 1)
+    return np.dtype(_TYPES[match[1]]), 4 if width == 3 else width
+
+
+def _loaded(path: Path) -> npt.NDArray[Any]:
+    try:
+        data: npt.NDArray[Any] = np.load(path, allow_pickle=False)
+    except (OSError, ValueError) as error:
+        raise BadInput(f"cannot be read as an array ({error})", where=path) from error
+    return np.atleast_1d(data)
