@@ -1,0 +1,153 @@
+"""``gibench explain``: of a technique, of a kernel of one's own, and of wrong input."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gibench.cli.main import call
+from gibench.trace import extra
+
+SOURCE = """
+__kernel void columns(__global const float *from, __global float *to, int n)
+{
+    const int i = get_global_id(0);
+    to[(i % n) * n + i / n] = from[i];
+}
+__kernel void rows(__global const float4 *from, __global float4 *to, __local float4 *room)
+{
+    room[get_local_id(0)] = from[get_global_id(0)];
+    barrier(CLK_LOCAL_MEM_FENCE);
+    to[get_global_id(0)] = room[get_local_id(0)];
+}
+__kernel void astray(__global float *to, int far)
+{
+    to[(size_t)get_global_id(0) * far] = 1.0f;
+}
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "mine.cl"
+    path.write_text(SOURCE, encoding="utf-8")
+    return path
+
+
+def explained(tmp_path: Path, *arguments: str) -> tuple[int, pd.DataFrame | None]:
+    out = tmp_path / "out"
+    code = call(["explain", "--out", str(out), "--cache-dir", str(tmp_path / "cache"), *arguments])
+    table = out / "explain.csv"
+    return code, pd.read_csv(table) if table.is_file() else None
+
+
+def test_every_pass_of_a_technique_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, table = explained(
+        *(tmp_path, "-t", "direct", "--receivers", "400", "--resolution", "64x48", "--frame", "1"),
+        *("-w", "64"),
+    )
+    assert code == 0
+    assert table is not None
+    assert (table["status"] == "ok").all()
+    assert {"camera", "application"} & set(table["pass"])
+    for simd in (32, 64):
+        assert (table[f"lines_over_fewest_{simd}"] >= 1).all()
+        assert table[f"simd_efficiency_{simd}"].between(0, 1).all()
+    assert (np.diff(table.filter(like="dram_bytes_"), axis=1) <= 0).all()
+    shown = capsys.readouterr().out
+    assert "no figure here is a time" in shown
+    for sentence in table["sentence"]:
+        assert sentence[:60] in shown
+
+
+def test_a_kernel_of_one_s_own_gets_a_sentence_to_act_on(tmp_path: Path, file: Path) -> None:
+    code, table = explained(
+        *(tmp_path, "--kernel", f"{file}:columns", "--arg", "from=65536", "--arg", "to=65536"),
+        *("--arg", "n=256"),
+    )
+    assert code == 0
+    assert table is not None
+    assert re.search(
+        r"each store of `to` touches 32 lines where 2 could do: neighbours are 1 KB apart",
+        table["sentence"][0],
+    )
+
+
+def test_arrays_and_local_memory_are_given_by_name(tmp_path: Path, file: Path) -> None:
+    np.save(tmp_path / "from.npy", np.ones((1024, 4), np.float32))
+    code, table = explained(
+        *(tmp_path, "--kernel", f"{file}:rows", "--arg", f"from={tmp_path / 'from.npy'}"),
+        *("--arg", "to=1024", "--arg", "room=64", "-w", "64"),
+    )
+    assert code == 0
+    assert table is not None
+    row = table.iloc[0]
+    assert (row["local_bytes"], row["lines_over_fewest_32"], row["bank_conflicts_32"]) == (
+        1024,
+        1,
+        1,
+    )
+    assert row["groups"] == 16
+
+
+def test_a_kernel_that_faults_is_a_row_and_exit_code_1(
+    tmp_path: Path, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, table = explained(
+        tmp_path, "--kernel", f"{file}:astray", "--arg", "to=64", "--arg", "far=16777216"
+    )
+    assert code == 1
+    assert table is not None
+    assert table["status"].tolist() == ["failed"]
+    assert "the kernel faulted (SIGSEGV)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--kernel", "mine"], "--kernel 'mine' is not FILE:NAME"),
+        (["--kernel", "absent.cl:x"], "there is no kernel file absent.cl"),
+        (["--kernel", "{file}:x"], "has no kernel 'x'; it has columns"),
+        (["--kernel", "{file}:columns", "--arg", "n=2"], "argument 'from' .* is not given; add"),
+        (["--kernel", "{file}:astray", "--arg", "q=2"], "has no argument 'q'; it has to, far"),
+        (["--kernel", "{file}:astray", "--arg", "to"], "--arg 'to' is not NAME=VALUE"),
+        (["--kernel", "{file}:astray", "--arg", "to=x", "--arg", "far=1"], "to=x is no number"),
+        (["--kernel", "{bad}:x"], r"does not build: line 1:\d+: use of undeclared identifier 'y'"),
+        (["--arg", "n=2"], "--arg and --items are for a kernel of your own"),
+        (["-t", "nothing"], "no technique called 'nothing'"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    arguments: list[str],
+    message: str,
+    file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bad = tmp_path / "bad.cl"
+    bad.write_text("__kernel void x(__global int *a) { *a = y; }", encoding="utf-8")
+    given = [each.format(file=file, bad=bad) for each in arguments]
+    code, _ = explained(tmp_path, *given)
+    error = capsys.readouterr().err.strip()
+    assert code == 2
+    assert re.search(message, error)
+    assert "\n" not in error
+
+
+def test_without_the_extra_one_line_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(extra, "find_spec", lambda name: None if name == "llvmlite" else name)
+    code, _ = explained(tmp_path)
+    assert code == 3
+    error = capsys.readouterr().err
+    assert (
+        error
+        == "gibench: tracing needs llvmlite; install the extra: pip install 'gibench[project]'\n"
+    )
