@@ -52,6 +52,9 @@ def lightmap_key(scene: Scene, receivers: int) -> str:
     used = sorted({one.texture for one in scene.materials if one.texture >= 0})
     if used:
         arrays += [scene.uvs, *(scene.textures[number].pixels for number in used)]
+    if scene.cutouts is not None:
+        arrays += scene.cutouts.arrays()
+        digest.update(files("gibench.scene").joinpath("cutouts.py").read_bytes())
     for array in (*arrays, own):
         digest.update(f"{array.dtype.str} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -18,9 +18,11 @@ from gibench.device import (
     reads,
     writes,
 )
+from gibench.device.build import Define
 from gibench.rays.bvh import Bvh
 from gibench.rays.embree import rays_of
 from gibench.rays.tracer import Hits
+from gibench.scene.cutouts import Words
 
 _CHUNK_RAYS = 262144
 # Rays of a packet: a vector of the device, at least this many (kernels_cl/common/bvh_packet.cl).
@@ -35,26 +37,44 @@ class DeviceBvh:
         bvh: what was uploaded.
         nodes: its nodes.
         triangles: its leaf blocks.
+        cutouts: what is cut away of its triangles (kernels_cl/common/cutout.cl), or None.
     """
 
     bvh: Bvh
     nodes: Buffer
     triangles: Buffer
+    cutouts: Buffer | None = None
 
     @staticmethod
-    def upload(device: Device, bvh: Bvh, name: str = "bvh") -> DeviceBvh:
+    def upload(
+        device: Device, bvh: Bvh, name: str = "bvh", cutouts: Words | None = None
+    ) -> DeviceBvh:
         """Upload ``bvh`` as the buffers ``{name}_nodes`` and ``{name}_triangles``.
+
+        Args:
+            device: where it shall lie.
+            bvh: the tree.
+            name: of the buffers.
+            cutouts: of its triangles, packed (:meth:`gibench.scene.cutouts.Cutouts.packed`).
 
         Raises:
             CannotRun: it does not fit the device's profile.
         """
         nodes = device.upload(f"{name}_nodes", bvh.nodes)
-        return DeviceBvh(bvh, nodes, device.upload(f"{name}_triangles", bvh.blocks))
+        triangles = device.upload(f"{name}_triangles", bvh.blocks)
+        held = None if cutouts is None else device.upload(f"{name}_cutouts", cutouts)
+        return DeviceBvh(bvh, nodes, triangles, held)
 
     @property
     def args(self) -> tuple[Argument, ...]:
         """BVH_PARAMS of kernels_cl/common/bvh.cl."""
-        return (reads("bvh_nodes", self.nodes), reads("bvh_triangles", self.triangles))
+        tree = (reads("bvh_nodes", self.nodes), reads("bvh_triangles", self.triangles))
+        return tree if self.cutouts is None else (*tree, reads("cutouts", self.cutouts))
+
+    @property
+    def defines(self) -> dict[str, Define]:
+        """The macros of programs that trace through it."""
+        return {} if self.cutouts is None else {"CUTOUTS": 1}
 
 
 def packet_rays(device: Device) -> int:
@@ -98,9 +118,11 @@ class DeviceTracer:
         self.workgroup_size = workgroup_size or device.profile.default_workgroup_size
         self._rays_per_item = packet_rays(device) if packets else 1
         self._program = (
-            ProgramSpec("rays/trace_packets.cl", {"PACKET": self._rays_per_item})
+            ProgramSpec(
+                "rays/trace_packets.cl", {"PACKET": self._rays_per_item, **device_bvh.defines}
+            )
             if packets
-            else ProgramSpec("rays/trace.cl")
+            else ProgramSpec("rays/trace.cl", device_bvh.defines)
         )
         self._origins = device.empty(f"{name}_origins", (chunk_rays, 3), np.float32)
         self._directions = device.empty(f"{name}_directions", (chunk_rays, 3), np.float32)

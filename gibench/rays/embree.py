@@ -20,10 +20,34 @@ from embreex.rtcore_scene import EmbreeScene
 
 from gibench.arrays import Floats
 from gibench.rays.tracer import NO_HIT, Hits
+from gibench.scene.cutouts import Cutouts
 from gibench.scene.model import Scene
 
+# How far behind a hole a ray goes on, as a share of the largest coordinate: a few roundings of a
+# hit, less than what faces in one plane are apart (gibench.scene.readers.backs.STEP).
+_BEHIND_A_HOLE = 2.0**-21
 # Small enough to balance two threads, large enough that Python's share of a chunk is lost in it.
 _CHUNK_RAYS = 65536
+
+
+class _Tree:
+    """Triangles (t, 3, 3) in a scene of Embree's."""
+
+    def __init__(self, corners: Floats) -> None:
+        self._scene = EmbreeScene(robust=True)
+        self._mesh = TriangleMesh(self._scene, corners) if len(corners) else None
+        # The first query commits the scene (builds its tree), which must not happen twice at once.
+        self.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), 1.0, "OCCLUDED")
+
+    def run(
+        self, o: Floats, d: Floats, limit: Floats | float, query: str, full: bool | None = None
+    ) -> Any:
+        """embreex's answer: triangle indices, or with ``full`` a dictionary of arrays."""
+        # Embree accepts t = tfar; the interface's interval is open, hence the next float below.
+        # `dists` is overwritten by embreex, hence always an array of our own.
+        below = np.nextafter(np.float32(limit), np.float32(0.0))
+        far = np.ascontiguousarray(np.broadcast_to(below, (len(o),)), np.float32).copy()
+        return self._scene.run(o, d, dists=far, query=query, output=full)
 
 
 class EmbreeTracer:
@@ -35,18 +59,28 @@ class EmbreeTracer:
     Its interval includes 0, and embreex has no way to say otherwise: a ray that starts exactly on a
     triangle may report that triangle at distance 0. Lift origins off their surfaces.
 
+    Triangles with cut-outs are kept in a tree of their own: a ray is traced against the whole ones
+    first, then from hole to hole through the others, starting anew a little behind each.
+
     Args:
         corners: (t, 3, 3) float32 corner positions of every triangle, m.
         threads: threads that trace; all cores when None.
+        cutouts: what is cut away of them, or None.
     """
 
-    def __init__(self, corners: Floats, threads: int | None = None) -> None:
+    def __init__(
+        self, corners: Floats, threads: int | None = None, cutouts: Cutouts | None = None
+    ) -> None:
         self.corners = np.ascontiguousarray(corners, np.float32).reshape(-1, 3, 3)
         self.threads = max(1, threads or os.cpu_count() or 1)
-        self._scene = EmbreeScene(robust=True)
-        self._mesh = TriangleMesh(self._scene, self.corners) if len(self.corners) else None
-        # The first query commits the scene (builds its tree), which must not happen twice at once.
-        self._run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32), 1.0, "OCCLUDED")
+        self._cutouts = cutouts
+        whole = self.corners
+        if cutouts is not None:
+            rows = cutouts.rows(len(self.corners))
+            self._whole_ids = np.flatnonzero(rows < 0).astype(np.int32)
+            self._holed = _Tree(self.corners[cutouts.triangle])
+            whole = self.corners[self._whole_ids]
+        self._whole = _Tree(whole)
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
     def closest(
@@ -65,12 +99,16 @@ class EmbreeTracer:
         )
 
         def trace(part: slice) -> None:
-            found = self._run(o[part], d[part], _limit_of(limit, part), "INTERSECT", True)
+            own = _limit_of(limit, part)
+            found = self._whole.run(o[part], d[part], own, "INTERSECT", True)
             hits.triangle[part] = found["primID"]
             missed = found["primID"] < 0
             hits.distance[part] = np.where(missed, np.float32(np.inf), found["tfar"])
             hits.u[part] = found["u"]
             hits.v[part] = found["v"]
+            if self._cutouts is not None:
+                mine = Hits(*(values[part] for values in hits))
+                self._nearer(self._cutouts, mine, o[part], d[part], own)
 
         self._chunked(len(o), trace)
         return hits
@@ -83,21 +121,60 @@ class EmbreeTracer:
         blocked = np.empty(len(o), np.bool_)
 
         def trace(part: slice) -> None:
-            found = self._run(o[part], d[part], _limit_of(limit, part), "OCCLUDED")
+            own = _limit_of(limit, part)
+            found = self._whole.run(o[part], d[part], own, "OCCLUDED")
             blocked[part] = found != NO_HIT
+            if self._cutouts is not None:
+                open_ = np.flatnonzero(~blocked[part])
+                far = np.broadcast_to(np.float32(own), (len(o[part]),))[open_]
+                through = self._through(self._cutouts, o[part][open_], d[part][open_], far)
+                blocked[part][open_] = through.triangle >= 0
 
         self._chunked(len(o), trace)
         return blocked
 
-    def _run(
-        self, o: Floats, d: Floats, limit: Floats | float, query: str, full: bool | None = None
-    ) -> Any:
-        """embreex's answer: triangle indices, or with ``full`` a dictionary of arrays."""
-        # Embree accepts t = tfar; the interface's interval is open, hence the next float below.
-        # `dists` is overwritten by embreex, hence always an array of our own.
-        below = np.nextafter(np.float32(limit), np.float32(0.0))
-        far = np.ascontiguousarray(np.broadcast_to(below, (len(o),)), np.float32).copy()
-        return self._scene.run(o, d, dists=far, query=query, output=full)
+    def _nearer(
+        self, cutouts: Cutouts, hits: Hits, o: Floats, d: Floats, limit: Floats | float
+    ) -> None:
+        """Put hits of triangles with holes in the place of those of whole ones behind them."""
+        hits.triangle[:] = np.append(self._whole_ids, np.int32(NO_HIT))[hits.triangle]
+        far = np.minimum(hits.distance, np.broadcast_to(np.float32(limit), (len(o),)))
+        found = self._through(cutouts, o, d, far)
+        nearer = np.flatnonzero(found.triangle >= 0)
+        for values, own in zip(hits, found, strict=True):
+            values[nearer] = own[nearer]
+
+    def _through(self, cutouts: Cutouts, o: Floats, d: Floats, far: Floats) -> Hits:
+        """The closest hits before ``far`` (n,) of triangles with holes, where they are there."""
+        count = len(o)
+        triangle = np.full(count, NO_HIT, np.int32)
+        distance = np.full(count, np.inf, np.float32)
+        u, v = np.zeros(count, np.float32), np.zeros(count, np.float32)
+        active = np.arange(count)
+        start = np.zeros(count)  # of each ray, along it; behind the last hole
+        step = np.full(count, _BEHIND_A_HOLE)
+        last = np.full(count, NO_HIT, np.int64)
+        length = np.linalg.norm(d.astype(np.float64), axis=1)
+        while len(active):
+            moved = start[active, None] * d[active].astype(np.float64)
+            from_ = (o[active] + moved).astype(np.float32)
+            left = (far[active] - start[active]).astype(np.float32)
+            found = self._holed.run(from_, d[active], left, "INTERSECT", True)
+            met = np.flatnonzero(found["primID"] >= 0)
+            row, own_u, own_v = (found[name][met] for name in ("primID", "u", "v"))
+            ray, active = active[met], active[met]
+            along = start[ray] + found["tfar"][met]
+            there = cutouts.there(row, own_u, own_v)
+            stop = ray[there]
+            triangle[stop] = cutouts.triangle[row[there]]
+            distance[stop], u[stop], v[stop] = along[there], own_u[there], own_v[there]
+            # A ray that meets the same triangle again has not come past it.
+            step[ray] = np.where(row == last[ray], 2 * step[ray], _BEHIND_A_HOLE)
+            last[ray] = row
+            reach = np.abs(o[ray]).max(axis=1) + along * np.abs(d[ray]).max(axis=1)
+            start[ray] = along + step[ray] * reach / length[ray]
+            active = active[~there & (start[ray] < far[ray])]
+        return Hits(triangle, distance, u, v)
 
     def _chunked(self, count: int, trace: Callable[[slice], None]) -> None:
         parts = [slice(i, min(i + _CHUNK_RAYS, count)) for i in range(0, count, _CHUNK_RAYS)]
@@ -109,7 +186,7 @@ class EmbreeTracer:
 
 
 # By scene, as long as its vertices are held: one tree serves all that trace against a scene.
-_TRACERS: dict[tuple[int, int], EmbreeTracer] = {}
+_TRACERS: dict[tuple[int, int, int], EmbreeTracer] = {}
 _MAKING = threading.Lock()
 
 
@@ -119,12 +196,13 @@ def scene_tracer(scene: Scene) -> EmbreeTracer:
     Scenes that differ in lights alone share their arrays and so the tracer. It is let go with the
     arrays, which nobody may change.
     """
-    key = id(scene.positions), id(scene.triangles)
+    held = (scene.positions, scene.triangles, *((scene.cutouts,) if scene.cutouts else ()))
+    key = id(scene.positions), id(scene.triangles), id(scene.cutouts)
     with _MAKING:
         if key not in _TRACERS:
-            _TRACERS[key] = EmbreeTracer(scene.corners)
-            for array in (scene.positions, scene.triangles):
-                weakref.finalize(array, _TRACERS.pop, key, None)
+            _TRACERS[key] = EmbreeTracer(scene.corners, cutouts=scene.cutouts)
+            for part in held:
+                weakref.finalize(part, _TRACERS.pop, key, None)
         return _TRACERS[key]
 
 

@@ -55,15 +55,20 @@ class HostProgram:
 
 
 @cache
-def host_program(group: int = GROUP) -> HostProgram:
+def host_program(group: int = GROUP, cutouts: bool = False) -> HostProgram:
     """The reference kernels, built once per process on the first CPU device.
+
+    Args:
+        group: work-items per group.
+        cutouts: for scenes with cut-outs.
 
     Raises:
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
     device = Device.unlimited(_cpu())
     lanes = device.vector_width
-    program = ProgramSpec("reference/path.cl", {"GROUP": group, "VEC": lanes})
+    defines = {"GROUP": group, "VEC": lanes, **({"CUTOUTS": 1} if cutouts else {})}
+    program = ProgramSpec("reference/path.cl", defines)
     return HostProgram(device, program, group, lanes)
 
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from gibench.arrays import Floats
 from gibench.errors import BadInput
 from gibench.reference.camera import image_plane
+from gibench.scene.cutouts import Cutouts
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
@@ -45,6 +48,8 @@ def write_mitsuba(
 ) -> Path:
     """Write a scene that Mitsuba 3's path integrator renders as ``reference_image`` does.
 
+    Where something is cut away it is the volumetric one, whose shadow rays pass holes too.
+
     Args:
         folder: where the files go; made when it is not there.
         scene: the scene.
@@ -59,20 +64,33 @@ def write_mitsuba(
         The path of the XML file.
 
     Raises:
-        BadInput: a camera that makes no image, or a spot light with a soft edge, which Mitsuba
-            has no emitter for.
+        BadInput: a camera that makes no image, a spot light with a soft edge, which Mitsuba has no
+            emitter for, a cut-out that glows, or one whose mask and colour image have coordinates of
+            their own.
     """
     image_plane(camera, width, height)
     folder.mkdir(parents=True, exist_ok=True)
     root = ET.Element("scene", version="3.0.0")
-    integrator = ET.SubElement(root, "integrator", type="path")
+    tracing = "path" if scene.cutouts is None else "volpath"
+    integrator = ET.SubElement(root, "integrator", type=tracing)
     _value(integrator, "integer", "max_depth", -1 if bounces is None else bounces + 2)
     _sensor(root, camera, width, height, samples)
     for number, material in enumerate(scene.materials):
-        triangles = scene.triangles[scene.material_ids == number]
+        mine = scene.material_ids == number
+        if scene.cutouts is not None:
+            _cut_out_shapes(root, folder, scene, scene.cutouts, number)
+            mine[scene.cutouts.triangle] = False
+        triangles = scene.triangles[mine]
         if len(triangles):
             file = folder / f"material{number}.ply"
-            _write_ply(file, scene, triangles)
+            used, corner = np.unique(triangles, return_inverse=True)
+            _write_ply(
+                file=file,
+                positions=scene.positions[used],
+                normals=scene.normals[used],
+                uvs=scene.uvs[used],
+                corner=corner,
+            )
             _shape(root, file, material, scene.textures)
     for light in scene.lights_at(frame):
         _light(root, light)
@@ -108,10 +126,60 @@ def _sensor(root: ET.Element, camera: Camera, width: int, height: int, samples: 
     _value(sampler, "integer", "sample_count", samples)
 
 
-def _shape(root: ET.Element, file: Path, material: Material, textures: tuple[Texture, ...]) -> None:
+def _cut_out_shapes(
+    root: ET.Element, folder: Path, scene: Scene, cutouts: Cutouts, number: int
+) -> None:
+    """The triangles of a material with something cut away, a shape for each mask."""
+    material = scene.materials[number]
+    for place, image in enumerate(cutouts.images):
+        rows = np.flatnonzero(
+            (cutouts.image == place) & (scene.material_ids[cutouts.triangle] == number)
+        )
+        if not len(rows):
+            continue
+        corners, uvs = scene.triangles[cutouts.triangle[rows]], cutouts.uvs[rows]
+        if any(material.emission):
+            raise BadInput(
+                f"the cut-out {material.name} glows, which has no counterpart in Mitsuba",
+                mend="cut its holes in the mesh",
+            )
+        if material.texture >= 0 and not np.array_equal(scene.uvs[corners], uvs):
+            raise BadInput(
+                f"the mask and the image of {material.name} have coordinates of their own, which "
+                "has no counterpart in Mitsuba",
+                mend="give them the same coordinates",
+            )
+        file = folder / f"material{number}-cut{place}.ply"
+        flat = corners.reshape(-1)
+        _write_ply(
+            file=file,
+            positions=scene.positions[flat],
+            normals=scene.normals[flat],
+            uvs=uvs.reshape(-1, 2),
+            corner=np.arange(len(flat)),
+        )
+        _shape(root, file, material, scene.textures, image)
+
+
+def _shape(
+    root: ET.Element,
+    file: Path,
+    material: Material,
+    textures: tuple[Texture, ...],
+    mask: npt.NDArray[np.bool_] | None = None,
+) -> None:
     shape = ET.SubElement(root, "shape", type="ply")
     _value(shape, "string", "filename", file.name)
-    bsdf = ET.SubElement(shape, "bsdf", type="diffuse")
+    holder = shape
+    if mask is not None:
+        holder = ET.SubElement(shape, "bsdf", type="mask")
+        opacity = file.with_suffix(".mask.pfm")
+        _write_pfm(opacity, np.repeat(mask[:, :, None], 3, axis=2).astype(np.float32))
+        bitmap = ET.SubElement(holder, "texture", type="bitmap", name="opacity")
+        _value(bitmap, "string", "filename", opacity.name)
+        _value(bitmap, "string", "filter_type", "nearest")
+        _value(bitmap, "boolean", "raw", "true")
+    bsdf = ET.SubElement(holder, "bsdf", type="diffuse")
     if material.texture < 0:
         _value(bsdf, "rgb", "reflectance", _list(material.base_color))
     else:
@@ -190,17 +258,20 @@ def envmap_pixels(environment: Environment) -> Floats:
     return np.tile(pixels, (1, 4, 1)) if width == 1 else pixels
 
 
-def _write_ply(file: Path, scene: Scene, triangles: np.ndarray) -> None:
-    used, corner = np.unique(triangles, return_inverse=True)
+def _write_ply(
+    file: Path, positions: Floats, normals: Floats, uvs: Floats, corner: npt.NDArray[Any]
+) -> None:
+    """Vertices (v, ...) and the triangles' corners (t, 3) or flat."""
+    faces_of = corner.reshape(-1, 3)
     names = ("x", "y", "z", "nx", "ny", "nz", "u", "v")
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(used)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(positions)}"]
     header += [f"property float {name}" for name in names]
-    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
-    uvs = scene.uvs[used] * (1, -1) + (0, 1)  # Mitsuba's v points down
-    vertices = np.hstack((scene.positions[used], scene.normals[used], uvs))
-    faces = np.empty(len(triangles), np.dtype([("count", "u1"), ("vertex", "<i4", 3)]))
+    header += [f"element face {len(faces_of)}", "property list uchar int vertex_indices"]
+    down = uvs * (1, -1) + (0, 1)  # Mitsuba's v points down
+    vertices = np.hstack((positions, normals, down))
+    faces = np.empty(len(faces_of), np.dtype([("count", "u1"), ("vertex", "<i4", 3)]))
     faces["count"] = 3
-    faces["vertex"] = corner.reshape(-1, 3)
+    faces["vertex"] = faces_of
     with file.open("wb") as stream:
         stream.write(("\n".join([*header, "end_header"]) + "\n").encode())
         stream.write(vertices.astype("<f4").tobytes())

@@ -15,6 +15,7 @@ from gibench.reference.lights import (
     emitter_table,
     environment_table,
 )
+from gibench.scene.cutouts import Words
 from gibench.scene.lightmap import Fragments
 from gibench.scene.model import Scene
 
@@ -36,6 +37,7 @@ class PackedScene:
         emitters: emissive triangles.
         environment: (h, w, 3) float32.
         environment_table: how to sample it.
+        cutouts: uint32, as kernels_cl/common/cutout.cl has it, or None where nothing is cut away.
     """
 
     triangles: Floats = field(repr=False)
@@ -46,6 +48,7 @@ class PackedScene:
     emitters: EmitterTable
     environment: Floats = field(repr=False)
     environment_table: EnvironmentTable
+    cutouts: Words | None = field(default=None, repr=False)
 
     @property
     def has_area_light(self) -> bool:
@@ -116,6 +119,7 @@ def pack_scene(scene: Scene, frame: int) -> PackedScene:
         emitters,
         np.ascontiguousarray(scene.environment.pixels, np.float32),
         environment_table(scene.environment.pixels),
+        None if scene.cutouts is None else scene.cutouts.packed(len(scene.triangles)),
     )
 
 

@@ -101,7 +101,7 @@ class Wavefront:
         bounces: int | None,
         wave_paths: int = WAVE_PATHS,
     ) -> None:
-        self.program: HostProgram = host_program()
+        self.program: HostProgram = host_program(cutouts=scene.cutouts is not None)
         self.tracer = tracer
         self.start = start
         self.last_vertex = UNLIMITED if bounces is None else bounces
@@ -138,6 +138,9 @@ class Wavefront:
             reads("environment_columns", share(table.columns)),
             reads("environment_edges", share(table.edges)),
         )
+        self._cutouts: tuple[Argument, ...] = ()
+        if scene.cutouts is not None:
+            self._cutouts = (reads("cutouts", share(scene.cutouts)),)
         self._start: tuple[Argument, ...]
         if isinstance(start, ReceiverStart):
             f = start.fragments
@@ -293,6 +296,7 @@ class Wavefront:
             writes("ray_direction", q.shadow_direction),
             writes("ray_limit", q.shadow_limit),
             updates("rays", q.counter),
+            *self._cutouts,
         )
         self.program.queue.finish()
         rays = int(q.counter.array[0])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gibench.scene.cutouts import Cutouts
 from gibench.scene.model import DirectionalLight, Environment, Material, Scene
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.content import Array, Content, unit
@@ -41,6 +42,19 @@ def glows(mesh_materials: tuple[Material, ...], used: Array) -> bool:
     return any(any(mesh_materials[i].emission) for i in np.unique(used))
 
 
+def _cutouts_of(mesh: CleanMesh, content: Content) -> Cutouts | None:
+    if mesh.cutouts is None or mesh.cutout_uvs is None:
+        return None
+    triangle = np.flatnonzero(mesh.cutouts >= 0).astype(np.int32)
+    used, image = np.unique(mesh.cutouts[triangle], return_inverse=True)
+    return Cutouts(
+        images=tuple(content.cutouts[number] for number in used),
+        triangle=triangle,
+        image=image.reshape(-1).astype(np.int32),
+        uvs=np.ascontiguousarray(mesh.cutout_uvs[mesh.triangles[triangle]], np.float32),
+    )
+
+
 def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
     """A scene with the file's lights and cameras, and defaults for what the file lacks.
 
@@ -64,6 +78,7 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
         object_names=content.object_names,
         receivers=receivers,
         warnings=(*content.warnings, *mesh.warnings),
+        cutouts=_cutouts_of(mesh, content),
     )
     scene = replace(scene, probes=replace(scene.probes, count=probes))
     if not scene.lights and not glows(scene.materials, scene.material_ids):

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Floats, Ints, Vec3
+from gibench.scene.cutouts import Cutouts
 from gibench.scene.motion.poses import Motion
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
@@ -274,6 +275,7 @@ class Scene:
         warnings: what was dropped while loading, one line each, with counts.
         origin: the point of the file's space where this scene has its origin, m; not 0, 0, 0 where
             the file lies far from its own (``readers/recentre.py``).
+        cutouts: what alpha masks cut away of its triangles, or None.
     """
 
     name: str
@@ -296,6 +298,7 @@ class Scene:
     motions: tuple[Motion, ...] = ()
     warnings: tuple[str, ...] = ()
     origin: Vec3 = BLACK
+    cutouts: Cutouts | None = field(default=None, repr=False)
 
     @property
     def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -318,9 +321,10 @@ class Scene:
         return tuple(light.at(frame) for light in self.lights)
 
     def geometry_hash(self) -> str:
-        """SHA-256 of all that baked visibility depends on: the triangles."""
+        """SHA-256 of all that baked visibility depends on: the triangles, what is cut away."""
         digest = hashlib.sha256()
-        for array in (self.positions, self.triangles):
+        cut = () if self.cutouts is None else self.cutouts.arrays()
+        for array in (self.positions, self.triangles, *cut):
             digest.update(str(array.shape).encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()

@@ -14,6 +14,7 @@
 #ifndef GIBENCH_BVH
 #define GIBENCH_BVH
 
+#include "common/cutout.cl"
 #include "common/vec.cl"
 
 #define BVH_STACK 128
@@ -27,14 +28,16 @@
 #define RAY_COUNTS 0
 #endif
 #if RAY_COUNTS
-#define BVH_PARAMS \
-    __global const float *bvh_nodes, __global const float *bvh_triangles, __global uint *ray_counts
-#define BVH_ARGS bvh_nodes, bvh_triangles, ray_counts
+#define BVH_PARAMS                                                                                  \
+    __global const float *bvh_nodes, __global const float *bvh_triangles, __global uint *ray_counts \
+        CUTOUT_PARAM
+#define BVH_ARGS bvh_nodes, bvh_triangles, ray_counts CUTOUT_ARG
 #define BVH_COUNT_CLOSEST() atomic_inc(ray_counts)
 #define BVH_COUNT_OCCLUDED() atomic_inc(ray_counts + 1)
 #else
-#define BVH_PARAMS __global const float *bvh_nodes, __global const float *bvh_triangles
-#define BVH_ARGS bvh_nodes, bvh_triangles
+#define BVH_PARAMS \
+    __global const float *bvh_nodes, __global const float *bvh_triangles CUTOUT_PARAM
+#define BVH_ARGS bvh_nodes, bvh_triangles CUTOUT_ARG
 #define BVH_COUNT_CLOSEST()
 #define BVH_COUNT_OCCLUDED()
 #endif
@@ -185,6 +188,24 @@ inline uint bvh_block(__global const float *block, const BvhRay *r, float t_max,
     return bvh_mask(inside & (distance > 0.0f) & (distance < t_max) & (det != 0.0f));
 }
 
+#if CUTOUTS
+// Which of a block's triangles in `mask` are there, where the ray hits them.
+inline uint bvh_there(__global const float *block, uint mask, float8 u, float8 v CUTOUT_PARAM)
+{
+    float us[8] __attribute__((aligned(32))), vs[8] __attribute__((aligned(32)));
+    *(float8 *)us = u;
+    *(float8 *)vs = v;
+    uint there = 0;
+    while (mask) {
+        const uint i = bvh_lowest(mask);
+        mask &= mask - 1;
+        if (!cut_away(cutouts, ((__global const int *)(block + 72))[i], us[i], vs[i]))
+            there |= 1u << i;
+    }
+    return there;
+}
+#endif
+
 // The nearest of a node's children in `mask` (not 0); the others go on the stack, farthest first.
 inline int bvh_push(__global const float *node, uint mask, float8 entry, int *nodes,
                     float *distances, int *top)
@@ -256,6 +277,10 @@ inline Hit bvh_closest(BVH_PARAMS, float3 origin, float3 direction, float t_max)
             for (; block != end; block += BVH_BLOCK_FLOATS) {
                 float8 t, u, v;
                 uint mask = bvh_block(block, &r, limit, &t, &u, &v);
+#if CUTOUTS
+                if (mask)
+                    mask = bvh_there(block, mask, u, v CUTOUT_ARG);
+#endif
                 if (mask) {
                     float ts[8] __attribute__((aligned(32))), us[8] __attribute__((aligned(32)));
                     float vs[8] __attribute__((aligned(32)));
@@ -309,8 +334,14 @@ inline bool bvh_occluded(BVH_PARAMS, float3 origin, float3 direction, float t_ma
             __global const float *end = block + ((leaf & 3) + 1) * BVH_BLOCK_FLOATS;
             for (; block != end; block += BVH_BLOCK_FLOATS) {
                 float8 t, u, v;
+#if CUTOUTS
+                const uint mask = bvh_block(block, &r, t_max, &t, &u, &v);
+                if (mask && bvh_there(block, mask, u, v CUTOUT_ARG))
+                    return true;
+#else
                 if (bvh_block(block, &r, t_max, &t, &u, &v))
                     return true;
+#endif
             }
         }
         if (top == 0)

@@ -196,6 +196,22 @@ inline pint bvh_packet_triangle(__global const float *corner, const BvhPacket *p
     return inside & (distance > 0.0f) & (distance < t_max) & (det != 0.0f);
 }
 
+#if CUTOUTS
+// Which of the rays that hit `triangle` do so where it is there.
+inline pint bvh_packet_there(pint hit, int triangle, const pfloat *u, const pfloat *v CUTOUT_PARAM)
+{
+    if (bvh_lanes(hit) == 0 || cutouts[triangle] == 0)
+        return hit;
+    float us[PACKET], vs[PACKET];
+    int lanes[PACKET];
+    pstore(*u, 0, us), pstore(*v, 0, vs), pstore(hit, 0, lanes);
+    for (int i = 0; i < PACKET; i++)
+        if (lanes[i])
+            lanes[i] = -(int)!cut_away(cutouts, triangle, us[i], vs[i]);
+    return pload(0, lanes);
+}
+#endif
+
 inline HitPacket bvh_closest_singly(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfloat dx,
                                 pfloat dy, pfloat dz, pfloat t_max)
 {
@@ -266,7 +282,13 @@ inline HitPacket bvh_closest_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz,
                 budget -= 4;
                 for (int i = 0; i < 8 && ids[i] >= 0; i++) {
                     pfloat t, u, v;
+#if CUTOUTS
+                    const pint hit
+                        = bvh_packet_there(bvh_packet_triangle(block + i, &p, limits, &t, &u, &v),
+                                           ids[i], &u, &v CUTOUT_ARG);
+#else
                     const pint hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
+#endif
                     if (bvh_lanes(hit)) {
                         hits.t = hit ? t : hits.t;
                         hits.u = hit ? u : hits.u;
@@ -331,7 +353,13 @@ inline pint bvh_occluded_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfl
                 budget -= 4;
                 for (int i = 0; i < 8 && ids[i] >= 0; i++) {
                     pfloat t, u, v;
+#if CUTOUTS
+                    const pint hit
+                        = bvh_packet_there(bvh_packet_triangle(block + i, &p, limits, &t, &u, &v),
+                                           ids[i], &u, &v CUTOUT_ARG);
+#else
                     const pint hit = bvh_packet_triangle(block + i, &p, limits, &t, &u, &v);
+#endif
                     if (bvh_lanes(hit)) {
                         blocked |= hit;
                         limits = hit ? (pfloat)(0.0f) : limits;

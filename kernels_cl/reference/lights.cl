@@ -1,6 +1,7 @@
 // Light sampling for the reference path tracer: delta lights, emissive triangles, environment.
 #ifndef GIBENCH_REFERENCE_LIGHTS
 #define GIBENCH_REFERENCE_LIGHTS
+#include "common/cutout.cl"
 #include "reference/sampler.cl"
 #include "reference/surface.cl"
 
@@ -72,11 +73,13 @@ inline Connection connect_delta(__global const float *light, float3 point, float
 // a cosine-distributed direction.
 inline Connection connect_emitter(__global const float *triangles, __global const float *materials,
                                   __global const int *emitters, __global const float *table,
-                                  int count, float2 random, float3 point, float3 normal)
+                                  int count, float2 random, float3 point,
+                                  float3 normal CUTOUT_PARAM)
 {
     const int i = find_interval(table, count, random.x);
     const float r = sqrt(within_interval(table, i, random.x));
-    const Surface s = surface_at(triangles, emitters[i], r * (1.0f - random.y), r * random.y);
+    const float u = r * (1.0f - random.y), v = r * random.y;
+    const Surface s = surface_at(triangles, emitters[i], u, v);
     __global const float *material = materials + s.material * MATERIAL_FLOATS;
     const float3 to = leave_surface(s.point, s.geometric) - point;
     const float squared = dot(to, to);
@@ -93,6 +96,10 @@ inline Connection connect_emitter(__global const float *triangles, __global cons
     } else {
         c.weight = (float3)(0.0f);
     }
+#if CUTOUTS
+    if (cut_away(cutouts, emitters[i], u, v))
+        c.weight = (float3)(0.0f);
+#endif
     return c;
 }
 

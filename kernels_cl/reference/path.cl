@@ -3,7 +3,8 @@
 //
 // Macros: GROUP, work-items per group; every launch is rounded up to whole groups. VEC, vertices that a
 // work-item of `draw_starts` and `scatter` treats at once: all random numbers are drawn there, in
-// vectors, as drawing one takes more operations than most of what it is used for.
+// vectors, as drawing one takes more operations than most of what it is used for. CUTOUTS: see
+// common/cutout.cl.
 //
 // A wave is a run of consecutive paths; path p of it belongs to owner `first + p / samples` (a
 // receiver or a pixel) and is sample p % samples of that owner. Per path: throughput and what it
@@ -221,7 +222,7 @@ void connect(
     __global const int *path,
     __global int *ray_of, __global float *weight,
     __global float *ray_origin, __global float *ray_direction, __global float *ray_limit,
-    volatile __global int *rays)
+    volatile __global int *rays CUTOUT_PARAM)
 {
     __local int in_group, group_base;
     const uint i = get_global_id(0);
@@ -242,7 +243,7 @@ void connect(
             c = connect_delta(lights + light * LIGHT_FLOATS, point, n);
         else if (light == delta_lights && emitter_count)
             c = connect_emitter(triangles, materials, emitters, emitter_table, (int)emitter_count,
-                                drawn_pair(drawn, stride, DRAWN_EMITTER, v), point, n);
+                                drawn_pair(drawn, stride, DRAWN_EMITTER, v), point, n CUTOUT_ARG);
         else
             c = connect_environment(environment, environment_density_, environment_rows,
                                     environment_columns, environment_edges, width, height,

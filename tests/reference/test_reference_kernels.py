@@ -24,7 +24,9 @@ GRAZING = 1e-6
 
 @pytest.fixture(params=GROUPS)
 def group(request, monkeypatch):
-    monkeypatch.setattr(wavefront, "host_program", lambda: host_cl.host_program(request.param))
+    monkeypatch.setattr(
+        wavefront, "host_program", lambda **more: host_cl.host_program(request.param, **more)
+    )
     return request.param
 
 

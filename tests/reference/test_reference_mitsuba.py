@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from support.cut_scenes import CAMERA, leaves
 from support.reference_scenes import DARK, box, plain_texture, quad, scene_of, sphere
 
 from gibench.errors import BadInput
@@ -173,6 +174,23 @@ def test_smooth_normals(tmp_path):
     normals[first:] = (scene.positions[first:] - middle) / 0.4
     camera = Camera((0.4, 0.5, -1.2), tuple(middle), 50.0)
     agree(tmp_path, replace(scene, normals=normals), camera, None)
+
+
+def test_cut_outs(tmp_path, rng):
+    """Leaves with masks, textured, under a lamp whose shadow rays pass the holes."""
+    scene = leaves(rng, count=5, image=(4, 3), repeat=2).masked
+    spots = Texture("spots", rng.random((4, 4, 3)).astype(np.float32))
+    wall, leaf = scene.materials
+    scene = replace(scene, materials=(wall, replace(leaf, texture=0)), textures=(spots,))
+    agree(tmp_path, scene, CAMERA, None)
+    written = (tmp_path / "scene.xml").read_text()
+    assert written.count('type="mask"') == 5
+    uvs = replace(scene, cutouts=replace(scene.cutouts, uvs=scene.cutouts.uvs * 2))
+    glowing = replace(scene, materials=(wall, replace(leaf, emission=(1.0, 1.0, 1.0))))
+    with pytest.raises(BadInput, match="glows"):
+        write_mitsuba(tmp_path, glowing, CAMERA, 4, 4)
+    with pytest.raises(BadInput, match="coordinates of their own"):
+        write_mitsuba(tmp_path, uvs, CAMERA, 4, 4)
 
 
 def test_the_comparison_can_fail(tmp_path):

@@ -87,7 +87,6 @@ SAID = {
     "obj-dissolve/room.obj": "let more light through than they stop left out (red, green)",
     "obj-map-options/clampoff.obj": "options of texture maps not used: -clamp on",
     "obj-utm/room.obj": "far from the origin: 448262, 120, -5411932 m subtracted",
-    "gltf-alpha-leaves/mask.glb": "cut-outs (alpha masks) of 1 material",
     "gltf-alpha-leaves/blend.glb": "let more light through than they stop left out (material 1)",
     "gltf-animated/a.glb": "animations",
     "gltf-img/basisu-used.glb": "textures without a readable source",

@@ -88,4 +88,8 @@ MOVING = [
     *(Case("moving", size, width, "direct", "tuned") for size, width in SIZES),
     Case("moving", 16, 16, "gibs", "tuned"),
 ]
-OTHERS = [Case(what, *sizes) for what in ("roofs", "rays", "reference") for sizes in SIZES]
+OTHERS = [
+    Case(what, *sizes)
+    for what in ("roofs", "rays", "reference", "cut_rays", "cut_frames", "cut_reference")
+    for sizes in SIZES
+]

@@ -21,10 +21,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cases import Case
 from recording import record_kernels
+from support.cut_scenes import cut_at_random
 from support.made import made as create
 from support.reference_scenes import lightmap_of, random_scene
 
-from gibench.device import Argument, Device, SharedBuffer, list_devices
+from gibench.device import Argument, Device, SharedBuffer, count_rays, list_devices
 from gibench.measure.machine import roofs as roofs_module
 from gibench.measure.session.enqueue import PreparedPass, enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
@@ -38,9 +39,11 @@ from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.builtin import build
 from gibench.scene.lightmap.atlas import unwrap
-from gibench.scene.model import Camera
+from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Turn
+from gibench.techniques.parts.camera_pass import camera_launch, rendered
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique
 from gibench.techniques.technique import Technique
 from gibench.work import Serial
@@ -173,8 +176,16 @@ def roofs(case: Case, cache: Path) -> None:
 
 def rays(case: Case, cache: Path) -> None:
     """Closest and any hits of rays, singly and in packets: alike, apart, of one limit and many."""
+    traced(case, build("cornell-box"))
+
+
+def cut_rays(case: Case, cache: Path) -> None:
+    """The same through holes."""
+    traced(case, cut_at_random(build("cornell-box"), np.random.default_rng(1)))
+
+
+def traced(case: Case, scene: Scene) -> None:
     rng = np.random.default_rng(0)
-    scene = build("cornell-box")
     low, high = scene.bounds
     origins = rng.uniform(low, high, (100, 3)).astype(np.float32)
     directions = rng.normal(size=(100, 3)).astype(np.float32)
@@ -183,7 +194,8 @@ def rays(case: Case, cache: Path) -> None:
     directions[alike] = rng.normal((0.3, 0.5, -1.0), 0.05, (64, 3))
     limits = rng.uniform(0.1, 2.0, 100).astype(np.float32)
     opened = Device(PROFILE)
-    tree = DeviceBvh.upload(opened, build_bvh(scene.corners))
+    cut = None if scene.cutouts is None else scene.cutouts.packed(len(scene.triangles))
+    tree = DeviceBvh.upload(opened, build_bvh(scene.corners), cutouts=cut)
     for packets in (False, True):
         tracer = DeviceTracer(opened, tree, case.size, 90, packets=packets)  # two launches
         for limit in (np.inf, limits):
@@ -194,12 +206,32 @@ def rays(case: Case, cache: Path) -> None:
 
 def reference(case: Case, cache: Path) -> None:
     """Trace a few paths from receivers and from the camera, three bounces each."""
+    paths_of(case, random_scene(np.random.default_rng(0)))
+
+
+def cut_reference(case: Case, cache: Path) -> None:
+    """The same through holes, some of them in lights."""
+    rng = np.random.default_rng(0)
+    paths_of(case, cut_at_random(random_scene(rng), rng))
+
+
+def cut_frames(case: Case, cache: Path) -> None:
+    """Images of direct light through holes, by single rays and packets, and rays counted."""
+    scene = cut_at_random(build("cornell-box"), np.random.default_rng(1))
+    width, height = SHAPE_OF_OTHERS[1:]
+    frame = FrameScene(Device(PROFILE), scene, width, height, scene.cameras[0])
+    for packets in (False, True):
+        shown = rendered(frame, case.size, packets=packets)
+        assert np.isfinite(shown).all()
+    assert count_rays(frame.device, camera_launch(frame), case.size).closest == width * height
+
+
+def paths_of(case: Case, scene: Scene) -> None:
     host_cl._cpu = lambda: list_devices()[0]  # the simulator does not say that it is a CPU
-    held = host_cl.host_program(case.size)
+    held = host_cl.host_program(case.size, cutouts=scene.cutouts is not None)
     telling = TellingProgram(held.device, held.program, held.group)
-    wavefront.host_program = lambda: telling
-    scene = random_scene(np.random.default_rng(0))
-    packed, tracer = pack_scene(scene, 0), EmbreeTracer(scene.corners)
+    wavefront.host_program = lambda **options: telling
+    packed, tracer = pack_scene(scene, 0), EmbreeTracer(scene.corners, cutouts=scene.cutouts)
     plane = image_plane(Camera((0.5, 0.5, 0.9), (0.5, 0.4, 0.0)), 5, 4)
     starts = (
         ReceiverStart(pack_fragments(lightmap_of(scene, range(12)).fragments)),

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibench.arrays import Doubles, Longs
+from gibench.arrays import Doubles, Floats, Longs
 from gibench.errors import BadInput
 from gibench.progress import progress
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
 from gibench.scene.lightmap.albedo import mean_albedo
 from gibench.scene.lightmap.charts import Charts, covered_count, flatten, pack, triangle_areas
-from gibench.scene.lightmap.raster import (
-    Pieces,
-    clip,
-)
+from gibench.scene.lightmap.holes import kept_texels, without_holes
+from gibench.scene.lightmap.raster import Pieces, clip
 from gibench.scene.model import Scene
 
 # The receiver count is met within 1 %; the search stops well inside that.
 CLOSE_ENOUGH = 0.002
 LONGEST_SECANT = 5
 LONGEST_SEARCH = 16
+# With cut-outs: how close is close enough, and how many times more the resolution is searched for.
+HIT = 0.01
+MOST_AIMS = 3
 # Share of the resolution that the surface's area alone asks for, below which no search goes.
 COARSEST = 0.01
 # An atlas of more receivers than so many times those asked for is refused.
@@ -60,13 +61,32 @@ def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
         advance(1)
         scale = _search(scene, charts, receivers)
         advance(1)
-        uvs, width, height = pack(charts, scale, padding)
+        uvs, width, height, pieces = _packed(scene, charts, scale, padding)
+        aim = receivers
+        for _ in range(0 if scene.cutouts is None else MOST_AIMS):
+            # What is cut away was counted too: aim for as much more.
+            kept = len(kept_texels(pieces, width))
+            if abs(kept / receivers - 1) <= HIT:
+                break
+            aim = round(aim * receivers / max(kept, 1))
+            scale = _search(scene, charts, aim)
+            uvs, width, height, pieces = _packed(scene, charts, scale, padding)
         advance(1)
-        pieces = list(clip(uvs.astype(np.float64)))
         fragments, texel = _fragments(scene, pieces, width)
         found = _receivers(scene, pieces, fragments, texel)
         advance(1)
     return Lightmap(width, height, uvs, found, fragments, receivers)
+
+
+def _packed(
+    scene: Scene, charts: Charts, scale: float, padding: int
+) -> tuple[Floats, int, int, list[Pieces]]:
+    """The packed atlas, its size and what its texels cover."""
+    uvs, width, height = pack(charts, scale, padding)
+    pieces = list(clip(uvs.astype(np.float64)))
+    if scene.cutouts is not None:
+        pieces = [without_holes(scene.cutouts, one, len(scene.triangles)) for one in pieces]
+    return uvs, width, height, pieces
 
 
 def _search(scene: Scene, charts: Charts, receivers: int) -> float:

@@ -62,9 +62,16 @@ def with_backs(
         triangles=np.concatenate((mesh.triangles, backs)).astype(np.int32),
         material_ids=np.concatenate((mesh.material_ids, mesh.material_ids[mine])),
         object_ids=np.concatenate((mesh.object_ids, mesh.object_ids[mine])),
+        cutouts=_and(mesh.cutouts, mine),
+        cutout_uvs=_and(mesh.cutout_uvs, used),
         lightmap_uvs=None,
         warnings=(*mesh.warnings, *notes),
     )
+
+
+def _and(values: Array | None, again: Array) -> Array | None:
+    """The rows with those of ``again`` once more behind them."""
+    return None if values is None else np.concatenate((values, values[again]))
 
 
 def _places(mesh: CleanMesh) -> Array:
@@ -95,6 +102,8 @@ def _can_be_seen(mesh: CleanMesh, mine: Array, points: Array) -> Array:
     paired &= times[place] == 1
     is_open = np.zeros(int(component.max()) + 1, bool)
     np.logical_or.at(is_open, component, ~paired.reshape(-1, 3).all(axis=1))
+    if mesh.cutouts is not None:
+        np.logical_or.at(is_open, component, mesh.cutouts[mine] >= 0)
     seen = is_open[component]
     positions = mesh.positions.astype(np.float64)
     corners_of_all = positions[mesh.triangles]
@@ -146,11 +155,8 @@ def apart(mesh: CleanMesh, backs: int = 0) -> CleanMesh:
             normals=np.concatenate((mesh.normals, mesh.normals[used])),
             uvs=np.concatenate((mesh.uvs, mesh.uvs[used])),
             triangles=triangles,
-            lightmap_uvs=(
-                None
-                if mesh.lightmap_uvs is None
-                else np.concatenate((mesh.lightmap_uvs, mesh.lightmap_uvs[used]))
-            ),
+            lightmap_uvs=_and(mesh.lightmap_uvs, used),
+            cutout_uvs=_and(mesh.cutout_uvs, used),
             warnings=(*mesh.warnings, *_told(int(moved.sum()) - 2 * backs)),
         )
     )
@@ -166,7 +172,7 @@ def _told(moved: int) -> list[str]:
 def _compacted(mesh: CleanMesh) -> CleanMesh:
     """The mesh without vertices that no triangle uses."""
     used, triangles = np.unique(mesh.triangles, return_inverse=True)
-    lightmap_uvs = mesh.lightmap_uvs
+    lightmap_uvs, cutout_uvs = mesh.lightmap_uvs, mesh.cutout_uvs
     return replace(
         mesh,
         positions=mesh.positions[used],
@@ -174,6 +180,7 @@ def _compacted(mesh: CleanMesh) -> CleanMesh:
         uvs=mesh.uvs[used],
         triangles=triangles.reshape(-1, 3).astype(np.int32),
         lightmap_uvs=None if lightmap_uvs is None else lightmap_uvs[used],
+        cutout_uvs=None if cutout_uvs is None else cutout_uvs[used],
     )
 
 

@@ -27,6 +27,9 @@ class CleanMesh:
 
     Attributes:
         warnings: what was dropped or mended, one line each, with counts.
+        cutouts: (t,) int32 image that cuts each triangle out, -1 for a whole one; None where all
+            are whole.
+        cutout_uvs: (v, 2) float32 coordinates in those images, or None.
     """
 
     positions: Floats
@@ -37,6 +40,8 @@ class CleanMesh:
     object_ids: Ints
     lightmap_uvs: Floats | None
     warnings: tuple[str, ...]
+    cutouts: Ints | None = None
+    cutout_uvs: Floats | None = None
 
 
 def clean(content: Content, where: object) -> CleanMesh:
@@ -79,6 +84,8 @@ def clean(content: Content, where: object) -> CleanMesh:
         object_ids=mesh.object_ids.astype(np.int32),
         lightmap_uvs=_sound_lightmap_uvs(mesh, notes),
         warnings=tuple(notes),
+        cutouts=mesh.cutouts.astype(np.int32) if mesh.cut_out else None,
+        cutout_uvs=mesh.cutout_uvs.astype(np.float32) if mesh.cut_out else None,
     )
 
 
@@ -94,6 +101,13 @@ class _Mesh:
     material_ids: npt.NDArray[np.int64]
     object_ids: npt.NDArray[np.int64]
     had_normals: npt.NDArray[np.bool_]  # per triangle
+    cutouts: npt.NDArray[np.int64]
+    cutout_uvs: Array  # without rows where nothing is cut out
+
+    @property
+    def cut_out(self) -> bool:
+        """Whether any triangle is."""
+        return bool((self.cutouts >= 0).any())
 
 
 def _in_range(part: Part, dropped: dict[str, int]) -> Part:
@@ -103,7 +117,8 @@ def _in_range(part: Part, dropped: dict[str, int]) -> Part:
     if inside.all():
         return part
     materials = None if part.materials is None else part.materials[inside]
-    return replace(part, triangles=part.triangles[inside], materials=materials)
+    cutouts = None if part.cutouts is None else part.cutouts[inside]
+    return replace(part, triangles=part.triangles[inside], materials=materials, cutouts=cutouts)
 
 
 def _join(parts: list[Part]) -> _Mesh:
@@ -121,6 +136,7 @@ def _join(parts: list[Part]) -> _Mesh:
 
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     sizes = [len(part.triangles) for part in parts]
+    cut_out = any(part.cutouts is not None for part in parts)
     with np.errstate(over="ignore", invalid="ignore"):
         positions = stack([part.positions.astype(np.float32) for part in parts], 3, np.float32)
     return _Mesh(
@@ -141,6 +157,13 @@ def _join(parts: list[Part]) -> _Mesh:
         ).astype(np.int64),
         object_ids=np.repeat([part.object_id for part in parts], sizes).astype(np.int64),
         had_normals=np.repeat([part.normals is not None for part in parts], sizes).astype(bool),
+        cutouts=np.concatenate(
+            [
+                np.full(size, -1) if part.cutouts is None else part.cutouts
+                for part, size in zip(parts, sizes, strict=True)
+            ]
+        ).astype(np.int64),
+        cutout_uvs=column("opacity_uvs", 2, 0.0) if cut_out else np.empty((0, 2)),
     )
 
 
@@ -148,7 +171,7 @@ def _drop(mesh: _Mesh, bad: npt.NDArray[np.bool_], kind: str, dropped: dict[str,
     dropped[kind] = int(bad.sum())
     if not dropped[kind]:
         return
-    for name in ("triangles", "material_ids", "object_ids", "had_normals"):
+    for name in ("triangles", "material_ids", "object_ids", "had_normals", "cutouts"):
         setattr(mesh, name, getattr(mesh, name)[~bad])
 
 
@@ -218,7 +241,7 @@ def _mend_normals(mesh: _Mesh, notes: list[str]) -> None:
     keys = np.column_stack((old, flat[triangle].astype(np.float32).view(np.int32)))
     _, first, inverse = _unique_rows(keys)
     start = len(mesh.positions)
-    for name in ("positions", "uvs", "lightmap_uvs"):
+    for name in ("positions", "uvs", "lightmap_uvs", *_cutout_uvs(mesh)):
         values = getattr(mesh, name)
         setattr(mesh, name, np.concatenate((values, values[old[first]])))
     mesh.normals = np.concatenate((mesh.normals, flat[triangle[first]]))
@@ -242,9 +265,15 @@ def _compact(mesh: _Mesh) -> None:
     used = np.zeros(len(mesh.positions), bool)
     used[mesh.triangles] = True
     mesh.triangles = (np.cumsum(used) - 1)[mesh.triangles]
-    for name in ("positions", "normals", "uvs", "lightmap_uvs"):
+    for name in ("positions", "normals", "uvs", "lightmap_uvs", *_cutout_uvs(mesh)):
         setattr(mesh, name, np.ascontiguousarray(getattr(mesh, name)[used]))
-    mesh.uvs = np.nan_to_num(mesh.uvs, nan=0.0, posinf=0.0, neginf=0.0)
+    for name in ("uvs", "cutout_uvs"):
+        sound = np.nan_to_num(getattr(mesh, name), nan=0.0, posinf=0.0, neginf=0.0)
+        setattr(mesh, name, sound)
+
+
+def _cutout_uvs(mesh: _Mesh) -> tuple[str, ...]:
+    return ("cutout_uvs",) if len(mesh.cutout_uvs) else ()
 
 
 def _edges_of_many(mesh: _Mesh) -> int:

@@ -44,6 +44,8 @@ class Part:
         opacity_uvs: (v, 2) float, of the opacity's image; None for ``uvs``.
         colors: (v, 3) float, linear, times the material's colour, or None.
         materials: (t,) int64 material of every triangle, in place of ``material``, or None.
+        cutouts: (t,) int64 image of every triangle in ``Content.cutouts``, looked up at
+            ``opacity_uvs``, -1 for a whole one; or None.
         mirrored: whether a mirroring transform has turned its winding.
     """
 
@@ -58,6 +60,7 @@ class Part:
     opacity_uvs: Array | None = None
     colors: Array | None = None
     materials: Array | None = None
+    cutouts: Array | None = None
     mirrored: bool = False
 
 
@@ -82,11 +85,12 @@ class Content:
         parts: its triangles.
         materials: at least one.
         textures: what the materials refer to.
-        maps: of each material; empty for none.
         lights: the file's lights, in the file's world space.
         cameras: the file's cameras, in the file's world space.
         object_names: by ``Part.object_id``; "" where an object has none.
         warnings: what was ignored, one line each, with counts.
+        maps: of each material; empty for none.
+        cutouts: (h, w) bool images of where there is surface, made at load.
     """
 
     parts: tuple[Part, ...]
@@ -97,6 +101,7 @@ class Content:
     object_names: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
     maps: tuple[Maps, ...] = ()
+    cutouts: tuple[npt.NDArray[np.bool_], ...] = ()
 
     def map_of(self, material: int) -> Maps:
         """The images of a material."""
@@ -110,6 +115,13 @@ class Content:
             lights=tuple(transform_light(light, matrix) for light in self.lights),
             cameras=tuple(_transform_camera(camera, matrix) for camera in self.cameras),
         )
+
+
+def of_corners(part: Part, values: Array) -> Array:
+    """Rows of ``values`` (v, k) at the corners, (t, 3, k); indices out of range count as 0."""
+    outside = (part.triangles < 0) | (part.triangles >= len(part.positions))
+    found = values[np.where(outside, 0, part.triangles)].astype(np.float64)
+    return np.asarray(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def vec3(values: Iterable[Any]) -> Vec3:

@@ -111,7 +111,7 @@ class Materials:
             self._ignored[f"alphaMode {mode!r}"] += 1
             mode = "OPAQUE"
         alpha = None
-        if mode == "BLEND" and info is not None:
+        if mode != "OPAQUE" and info is not None:
             alpha = self._decoded(_index(info), alpha_from_bytes)
         transmission = extensions.get("KHR_materials_transmission", {})
         pbr = entry.pbrMetallicRoughness

@@ -10,7 +10,8 @@ what the file's author saw:
 - *Opacity* (glTF's BLEND, MTL's d and Tr) *and transmission*: a part (the triangles of one object
   with one material) that lets more light through than it stops is left out; any other is opaque.
   What glows is never left out.
-- *Cut-outs* (glTF's MASK, MTL's map_d): opaque.
+- *Cut-outs* (glTF's MASK, MTL's map_d): a triangle is there where opacity, times its image's texel,
+  is at least the cutoff (``scene/cutouts.py``). Triangles with nothing left are left out.
 - *Unlit*: lit as any other surface.
 """
 
@@ -23,7 +24,8 @@ import numpy as np
 
 from gibench.scene.lightmap.albedo import mean_texture
 from gibench.scene.model import Material, Texture
-from gibench.scene.readers.content import Array, Content, Part, counted, vec3
+from gibench.scene.readers.content import Array, Content, Part, counted, of_corners, vec3
+from gibench.scene.readers.cut_out import cut_out
 
 # Emissions and tints that differ by less than this share are one material.
 TINT_STEP = 1.0 / 1024
@@ -36,6 +38,7 @@ def realised(content: Content) -> Content:
     table = _Table(content)
     notes: list[str] = []
     parts = _without_the_see_through(content, notes)
+    parts, cutouts = cut_out(parts, content, notes)
     parts = [_glowing(part, content, table) for part in parts]
     parts = table.in_place(_coloured(parts, table, notes))
     used = {number for part in parts for number in _numbers(part)}
@@ -47,6 +50,7 @@ def realised(content: Content) -> Content:
         textures=tuple(table.textures),
         warnings=(*content.warnings, *notes),
         maps=(),
+        cutouts=cutouts,
     )
 
 
@@ -90,19 +94,12 @@ def _numbers(part: Part) -> list[int]:
     return [part.material] if part.materials is None else np.unique(part.materials).tolist()
 
 
-def _of_corners(part: Part, values: Array) -> Array:
-    """Rows of ``values`` (v, k) at the corners, (t, 3, k); indices out of range count as 0."""
-    outside = (part.triangles < 0) | (part.triangles >= len(part.positions))
-    found = values[np.where(outside, 0, part.triangles)].astype(np.float64)
-    return np.asarray(np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0))
-
-
 def _means(part: Part, image: Texture, uvs: Array | None) -> Array:
     """Mean (t, 3) of an image over each triangle; over all of it without coordinates."""
     if uvs is None or not len(uvs):
         whole = image.pixels.reshape(-1, 3).mean(axis=0, dtype=np.float64)
         return np.tile(whole, (len(part.triangles), 1))
-    corners = _of_corners(part, uvs)
+    corners = of_corners(part, uvs)
     pieces = [mean_texture(image.pixels, piece) for piece in _pieces(corners)]
     return np.asarray(sum(pieces) / len(pieces))
 
@@ -149,7 +146,7 @@ def _opacity(part: Part, content: Content) -> float:
     opacity = material.opacity if material.alpha_mode == "blend" else 1.0
     if image is not None and material.alpha_mode == "blend":
         uvs = part.uvs if part.opacity_uvs is None else part.opacity_uvs
-        corners = _of_corners(part, part.positions)
+        corners = of_corners(part, part.positions)
         with np.errstate(all="ignore"):
             sides = corners[:, 1:] - corners[:, :1]
             areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
@@ -192,7 +189,7 @@ def _coloured(parts: list[Part], table: _Table, notes: list[str]) -> list[Part]:
     for place, part in enumerate(parts):
         if part.colors is None or not len(part.triangles):
             continue
-        corners = _of_corners(part, part.colors)
+        corners = of_corners(part, part.colors)
         if np.ptp(corners, axis=(0, 1)).max() == 0:
             result[place] = _tinted(part, corners[:1, 0], np.zeros(len(corners), np.int64), table)
         elif any(table.materials[number].texture >= 0 for number in _numbers(part)):
@@ -243,7 +240,7 @@ def _through_image(parts: list[Part], table: _Table) -> list[Part]:
     """
     counts = [len(part.triangles) for part in parts]
     side = int(np.ceil(np.sqrt(sum(counts))))
-    corners = np.concatenate([_of_corners(part, _colors(part)) for part in parts])
+    corners = np.concatenate([of_corners(part, _colors(part)) for part in parts])
     pixels = np.zeros((side, 2, side, 2, 3), np.float32)
     block = np.arange(len(corners))
     row, column = block // side, block % side
@@ -283,7 +280,7 @@ def _split(part: Part) -> Part:
         normals=None if part.normals is None else part.normals[flat],
         lightmap_uvs=None if part.lightmap_uvs is None else part.lightmap_uvs[flat],
         emission_uvs=None,
-        opacity_uvs=None,
+        opacity_uvs=None if part.opacity_uvs is None else part.opacity_uvs[flat],
         colors=None,
     )
 
@@ -299,11 +296,9 @@ def _remarks(used: list[Material]) -> list[str]:
             else []
         )
 
-    cut_out = [m for m in used if m.alpha_mode == "mask"]
     blended = [m for m in used if m.alpha_mode == "blend" or m.transmission > 0]
     shiny = [m for m in used if m.roughness < 1 or m.metalness > 0 or m.roughness_map]
     return [
-        *say(cut_out, "cut-outs (alpha masks) of {} ignored: drawn opaque"),
         *say(blended, "alpha or transmission of {}: taken as opaque where not left out"),
         *say([m for m in used if m.normal_map], "normal maps of {} not used"),
         *say(shiny, "gloss and metal of {} not used: all surfaces are diffuse"),

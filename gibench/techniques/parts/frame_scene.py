@@ -45,11 +45,13 @@ def frame_scene_bytes(
     """
     triangles = len(scene.triangles)
     tree = -(-triangles // 8) * 320 if bvh is None else bvh.nodes.nbytes + bvh.blocks.nbytes
+    cut = 0 if scene.cutouts is None else scene.cutouts.packed_bytes(triangles)
     moving = 0
     if motion is not None:
         moving = 4 * TRANSFORM_FLOATS * motion.objects + MovingGeometry.bytes_of(scene, motion, bvh)
     return int(
         tree
+        + cut
         + moving
         + Surfaces.bytes_of(scene)
         + 4 * scene.environment.pixels.size
@@ -102,8 +104,10 @@ class FrameScene:
         self._flight, self._motion = flight, motion
         self.width, self.height = width, height
         self.bvh = build_bvh(scene.corners) if bvh is None else bvh
-        tree = DeviceBvh.upload(device, self.bvh)
-        self.bvh_args = tree.args
+        cutouts = scene.cutouts
+        packed = None if cutouts is None else cutouts.packed(len(scene.triangles))
+        tree = DeviceBvh.upload(device, self.bvh, cutouts=packed)
+        self.bvh_args, self._tree_defines = tree.args, tree.defines
         self.surfaces = Surfaces.upload(device, scene)
         rows, columns = scene.environment.pixels.shape[:2]
         environment = device.upload("environment", scene.environment.pixels)
@@ -162,7 +166,7 @@ class FrameScene:
 
     def program(self, path: str, defines: Mapping[str, Define] | None = None) -> ProgramSpec:
         """A program that reads the scene, with the macros that such programs need."""
-        return ProgramSpec(path, {**SCENE_MACROS, **(defines or {})})
+        return ProgramSpec(path, {**SCENE_MACROS, **self._tree_defines, **(defines or {})})
 
     @property
     def nbytes(self) -> int:

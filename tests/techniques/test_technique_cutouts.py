@@ -1,0 +1,69 @@
+"""Techniques on masked leaves against the same holes cut in the mesh."""
+
+import numpy as np
+import pytest
+from support.cut_scenes import leaves
+from support.made import made
+from support.shading_oracle import open_device
+
+from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.scene.lightmap.atlas import unwrap
+from gibench.techniques.registry import BakeContext, find_technique
+
+RECEIVERS = 1500
+SMALL = {
+    "srp": {"sh_order": 2, "probes": 8, "transport_rays": 64, "relight_samples": 200},
+    "ddgi": {"probes": 27, "rays": 64},
+    "gibs": {"surfels": 2000, "ray_budget": 4000},
+    "direct": {},
+}
+
+
+def ran(scene, folder, name, variant, size, frames, image=(64, 48)):
+    """A technique after some frames."""
+    lightmap = unwrap(scene, RECEIVERS)
+    spec = find_technique(name)
+    settings = spec.settings(SMALL[name])
+    baked = spec.bake(BakeContext(scene, lightmap, settings, folder))
+    technique = made(
+        *(spec, open_device(), scene, lightmap, settings, baked, variant, size, *image),
+        scene.cameras[0],
+    )
+    prepared = prepare_passes(technique, size)
+    assert not [item.problem for item in prepared if item.problem]
+    for frame in range(frames):
+        enqueue_frame(technique, prepared, frame)
+    return technique
+
+
+@pytest.mark.parametrize("variant", ["published", "tuned"])
+@pytest.mark.parametrize("size", [16, 64])
+def test_direct_light_passes_the_holes(rng, tmp_path, variant, size):
+    """Camera rays and shadow rays, single and in packets."""
+    both = leaves(rng, count=5, image=(4, 3))
+    images = []
+    for scene in (both.masked, both.meshed):
+        technique = ran(scene, tmp_path, "direct", variant, size, 1)
+        assert technique.nbytes == technique.device.memory.total_bytes
+        images.append(technique.images()["frame"])
+        assert technique.passes()[0].counted(size).rays > 64 * 48
+    same = np.isclose(*images, rtol=1e-3, atol=1e-4).all(axis=2)
+    assert same.mean() > 0.995  # all but edges of texels
+    solid = both.masked.__class__(**{**both.masked.__dict__, "cutouts": None})
+    plain = ran(solid, tmp_path, "direct", variant, size, 1).images()["frame"]
+    assert (~np.isclose(plain, images[0], rtol=1e-3, atol=1e-4)).any(axis=2).mean() > 0.05
+
+
+@pytest.mark.parametrize("name, frames", [("srp", 8), ("ddgi", 24), ("gibs", 24)])
+def test_indirect_light_of_masked_leaves_is_that_of_the_holes(rng, tmp_path, name, frames):
+    """At the walls, whose receivers are alike: within what two lightmaps and estimates differ."""
+    both = leaves(rng, count=5, image=(4, 3))
+    means = []
+    for scene in (both.masked, both.meshed):
+        technique = ran(scene, tmp_path / str(len(means)), name, "tuned", 64, frames)
+        receivers = unwrap(scene, RECEIVERS).receivers
+        wall = np.abs(receivers.albedo[:, 1] - 0.6) < 1e-3
+        values, area = technique.indirect_irradiance()[wall], receivers.area[wall, None]
+        assert np.isfinite(values).all()
+        means.append((values * area).sum(axis=0) / area.sum())
+    np.testing.assert_allclose(means[0], means[1], rtol=0.05)
