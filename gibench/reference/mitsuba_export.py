@@ -65,8 +65,7 @@ def write_mitsuba(
 
     Raises:
         BadInput: a camera that makes no image, a spot light with a soft edge, which Mitsuba has no
-            emitter for, a cut-out that glows, or one whose mask and colour image have coordinates of
-            their own.
+            emitter for, a cut-out that glows, or one whose mask and image differ in coordinates.
     """
     image_plane(camera, width, height)
     folder.mkdir(parents=True, exist_ok=True)

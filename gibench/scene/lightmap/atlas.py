@@ -19,8 +19,8 @@ CLOSE_ENOUGH = 0.002
 LONGEST_SECANT = 5
 LONGEST_SEARCH = 16
 # With cut-outs: how close is close enough, and how many times more the resolution is searched for.
-HIT = 0.01
-MOST_AIMS = 3
+HIT = 0.005
+MOST_AIMS = 4
 # Share of the resolution that the surface's area alone asks for, below which no search goes.
 COARSEST = 0.01
 # An atlas of more receivers than so many times those asked for is refused.
@@ -62,14 +62,19 @@ def unwrap(scene: Scene, receivers: int, *, padding: int = 1) -> Lightmap:
         scale = _search(scene, charts, receivers)
         advance(1)
         uvs, width, height, pieces = _packed(scene, charts, scale, padding)
-        aim = receivers
-        for _ in range(0 if scene.cutouts is None else MOST_AIMS):
-            # What is cut away was counted too: aim for as much more.
-            kept = len(kept_texels(pieces, width))
-            if abs(kept / receivers - 1) <= HIT:
+        tried: list[tuple[float, float]] = []
+        aim = float(np.log(receivers))
+        while scene.cutouts is not None and len(tried) < MOST_AIMS:
+            # What is cut away was counted too: aim for more, by the secant method in logarithms.
+            tried.append((aim, float(np.log(len(kept_texels(pieces, width)) / receivers))))
+            if abs(tried[-1][1]) <= HIT:
                 break
-            aim = round(aim * receivers / max(kept, 1))
-            scale = _search(scene, charts, aim)
+            slope = 1.0
+            if len(tried) > 1:
+                (x0, y0), (x1, y1) = tried[-2:]
+                slope = float(np.clip((y1 - y0) / (x1 - x0 or 1.0), 0.2, 2.0))
+            aim -= tried[-1][1] / slope
+            scale = _search(scene, charts, round(float(np.exp(aim))))
             uvs, width, height, pieces = _packed(scene, charts, scale, padding)
         advance(1)
         fragments, texel = _fragments(scene, pieces, width)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.scene.cutouts import surface_texels
-from gibench.scene.readers.content import Array, Content, Part, of_corners
+from gibench.scene.readers.content import Array, Content, Part, counted, of_corners
 
 Bools = npt.NDArray[np.bool_]
 
@@ -37,6 +37,9 @@ def cut_out(
                 notes.append(f"cut-outs of {material.name} have no coordinates: drawn whole")
             if alpha is not None or material.opacity >= material.alpha_cutoff:
                 result.append(part)
+            else:
+                told = counted(len(part.triangles), "triangle")
+                notes.append(f"{told} of {material.name} cut out: opacity under the cutoff")
             continue
         key = id(alpha), material.opacity, material.alpha_cutoff
         if key not in masks:
