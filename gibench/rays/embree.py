@@ -107,7 +107,7 @@ class EmbreeTracer:
             hits.u[part] = found["u"]
             hits.v[part] = found["v"]
             if self._cutouts is not None:
-                mine = Hits(*(values[part] for values in hits))
+                mine = Hits(hits.triangle[part], hits.distance[part], hits.u[part], hits.v[part])
                 self._nearer(self._cutouts, mine, o[part], d[part], own)
 
         self._chunked(len(o), trace)
