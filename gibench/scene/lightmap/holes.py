@@ -8,9 +8,8 @@ from gibench.arrays import Doubles, Longs
 from gibench.scene.cutouts import Cutouts, surface_texels
 from gibench.scene.lightmap.raster import Pieces
 
-# A piece is cut along each side into at most so many equal parts, about one for every texel of the
-# mask that it crosses.
-MOST_PARTS = 4
+# A piece with holes is cut along each side into so many equal parts.
+PARTS = 4
 
 
 def without_holes(cutouts: Cutouts, pieces: Pieces, triangles: int) -> Pieces:
@@ -18,7 +17,7 @@ def without_holes(cutouts: Cutouts, pieces: Pieces, triangles: int) -> Pieces:
 
     A piece within whose bounds the mask has no surface is dropped, one with nothing else stays. Any
     other is cut into equal parts, of which those with surface at their middle stay; where none has,
-    the whole piece does: there may be surface for a ray to meet.
+    the last part does: there may be surface for a ray to meet, whose texel must be a receiver.
 
     Args:
         cutouts: of the scene.
@@ -32,27 +31,21 @@ def without_holes(cutouts: Cutouts, pieces: Pieces, triangles: int) -> Pieces:
     own, corners = row[holed], pieces.barycentric[holed]
     uvs = corners @ cutouts.uvs[own].astype(np.float64)
     found, of = np.zeros(len(own), np.int64), np.ones(len(own), np.int64)
-    across = np.ones(len(own), np.int64)
     for number, image in enumerate(cutouts.images):
         mine = np.flatnonzero(cutouts.image[own] == number)
         found[mine], of[mine] = surface_texels(image, uvs[mine])
-        extent = np.ptp(uvs[mine], axis=1) * (image.shape[1], image.shape[0])
-        across[mine] = np.clip(np.ceil(extent.max(axis=1)), 1, MOST_PARTS)
     keep = np.ones(len(row), np.bool_)
     keep[holed] = found == of
-    owner, parts = [np.flatnonzero(keep)], [pieces.barycentric[keep]]
-    mixed = (found > 0) & (found < of)
-    for side in range(1, MOST_PARTS + 1):
-        mine = np.flatnonzero(mixed & (across == side))
-        cut = _parts(corners[mine], side)
-        centre = cut.mean(axis=2).astype(np.float32)
-        rows = np.repeat(own[mine], side**2)
-        there = cutouts.there(rows, centre[..., 1].reshape(-1), centre[..., 2].reshape(-1))
-        there = there.reshape(len(mine), side**2)
-        piece, part = np.nonzero(there)
-        none = ~there.any(axis=1)
-        owner += [holed[mine][piece], holed[mine][none]]
-        parts += [cut[piece, part], corners[mine][none]]
+    mine = np.flatnonzero((found > 0) & (found < of))
+    cut = _parts(corners[mine])
+    centre = cut.mean(axis=2).astype(np.float32)
+    there = cutouts.there(
+        np.repeat(own[mine], PARTS**2), centre[..., 1].reshape(-1), centre[..., 2].reshape(-1)
+    ).reshape(len(mine), PARTS**2)
+    there[~there.any(axis=1), -1] = True
+    piece, part = np.nonzero(there)
+    owner = [np.flatnonzero(keep), holed[mine][piece]]
+    parts = [pieces.barycentric[keep], cut[piece, part]]
     whose = np.concatenate(owner)
     order = np.argsort(whose, kind="stable")
     whose = whose[order]
@@ -61,16 +54,16 @@ def without_holes(cutouts: Cutouts, pieces: Pieces, triangles: int) -> Pieces:
     )
 
 
-def _parts(corners: Doubles, side: int) -> Doubles:
-    """``side`` squared equal parts of triangles (m, 3, 3) of weights, (m, side squared, 3, 3)."""
+def _parts(corners: Doubles) -> Doubles:
+    """PARTS squared equal parts of triangles (m, 3, 3) of weights, (m, PARTS squared, 3, 3)."""
     a, e, f = corners[:, :1], corners[:, 1:2] - corners[:, :1], corners[:, 2:] - corners[:, :1]
     places: list[list[tuple[int, int]]] = []
-    for i in range(side):
-        for j in range(side - i):
+    for i in range(PARTS):
+        for j in range(PARTS - i):
             places.append([(i, j), (i + 1, j), (i, j + 1)])
-            if i + j < side - 1:
+            if i + j < PARTS - 1:
                 places.append([(i + 1, j + 1), (i, j + 1), (i + 1, j)])
-    at = np.array(places, np.float64).reshape(1, -1, 3, 2, 1) / side
+    at = np.array(places, np.float64).reshape(1, -1, 3, 2, 1) / PARTS
     found = a[:, None] + e[:, None] * at[..., 0, :] + f[:, None] * at[..., 1, :]
     return np.asarray(found)
 
