@@ -11,6 +11,7 @@ from gibench.arrays import Floats
 from gibench.device import (
     Argument,
     Buffer,
+    BufferSpec,
     Device,
     Launch,
     ProgramSpec,
@@ -19,7 +20,8 @@ from gibench.device import (
     writes,
 )
 from gibench.device.build import Define
-from gibench.rays.bvh import Bvh
+from gibench.rays.bvh import BLOCK_FLOATS, Bvh
+from gibench.rays.bvh_wide import WIDTH
 from gibench.rays.embree import rays_of
 from gibench.rays.tracer import Hits
 from gibench.scene.cutouts import Words
@@ -60,10 +62,27 @@ class DeviceBvh:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
-        nodes = device.upload(f"{name}_nodes", bvh.nodes)
-        triangles = device.upload(f"{name}_triangles", bvh.blocks)
-        held = None if cutouts is None else device.upload(f"{name}_cutouts", cutouts)
-        return DeviceBvh(bvh, nodes, triangles, held)
+        nodes, triangles = DeviceBvh.buffers(bvh, name)
+        return DeviceBvh(
+            bvh,
+            device.create(nodes, bvh.nodes),
+            device.create(triangles, bvh.blocks),
+            None if cutouts is None else device.upload(f"{name}_cutouts", cutouts),
+        )
+
+    @staticmethod
+    def buffers(bvh: Bvh, name: str = "bvh") -> list[BufferSpec]:
+        """The buffers of ``bvh``: its nodes and its leaf blocks."""
+        return [
+            BufferSpec.like(f"{name}_nodes", bvh.nodes),
+            BufferSpec.like(f"{name}_triangles", bvh.blocks),
+        ]
+
+    @staticmethod
+    def least_buffers(triangles: int, name: str = "bvh") -> list[BufferSpec]:
+        """Those of any tree over so many triangles, which at least fill its leaf blocks."""
+        blocks = (-(-triangles // WIDTH), BLOCK_FLOATS)
+        return [BufferSpec.of(f"{name}_triangles", blocks, np.float32)]
 
     @property
     def args(self) -> tuple[Argument, ...]:

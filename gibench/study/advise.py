@@ -15,7 +15,7 @@ from gibench.scene.model import Scene
 from gibench.study.errors import METRICS
 from gibench.study.pareto import pareto_front
 from gibench.study.regions import WHOLE
-from gibench.techniques.job import Job, Shot
+from gibench.techniques.job import Job, Known, Shot
 from gibench.techniques.registry import TechniqueSpec
 
 RECEIVER_SHARES = (1.0, 0.5, 0.25)
@@ -53,16 +53,26 @@ def sweep(
             variants=variants,
             common=own,
             settings={spec.name: settings.get(spec.name, {})},
-            receivers=_that_matter(spec, scene, receivers),
+            receivers=_that_matter(spec, profile, scene, receivers),
             shot=shot,
             seed=seed,
         )
     return sorted(found, key=lambda job: -(job.receivers or 0))
 
 
-def _that_matter(spec: TechniqueSpec, scene: Scene, receivers: Sequence[int]) -> tuple[int, ...]:
-    floors = {spec.memory_floor(scene, n, spec.settings_type(), 1, 1) for n in receivers}
-    return tuple(receivers) if len(floors) > 1 else tuple(receivers[:1])
+def _that_matter(
+    spec: TechniqueSpec, profile: DeviceProfile, scene: Scene, receivers: Sequence[int]
+) -> tuple[int, ...]:
+    job = Job(
+        technique=spec.name,
+        settings=spec.settings_type(),
+        variant=spec.variants[0],
+        scene=scene.name,
+        profile=profile,
+        workgroup_size=profile.default_workgroup_size,
+    )
+    declared = {tuple(spec.buffers(Known(job, scene, n))) for n in receivers}
+    return tuple(receivers) if len(declared) > 1 else tuple(receivers[:1])
 
 
 def advice(rows: pd.DataFrame, budget_ms: float) -> pd.DataFrame:

@@ -9,10 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from gibench.device import Device
-from gibench.scene.model import Scene
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import camera_pass, rendered, suits_packets
-from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec
 from gibench.techniques.technique import FloatArray, Pass
 
@@ -43,11 +42,6 @@ class Direct:
         self._packets = job.variant == TUNED and suits_packets(device)
         self.scene = FrameScene.of(device, job.shot, world)
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes of device memory it takes, in closed form."""
-        return self.scene.nbytes
-
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""
         return [camera_pass(self.scene, packets=self._packets)]
@@ -69,19 +63,13 @@ class Direct:
         return {"receivers": self._receivers}
 
 
-def _memory_floor(
-    scene: Scene, receivers: int, settings: DirectSettings, width: int, height: int
-) -> int:
-    return frame_scene_bytes(scene, width, height)
-
-
 SPEC = TechniqueSpec(
     name="direct",
     title="Direct light only",
     variants=(PUBLISHED, TUNED),
     settings_type=DirectSettings,
     create=Direct,
-    memory_floor=_memory_floor,
+    buffers=FrameScene.declared,
     # It has no indirect light, which is as right wherever things are.
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     memory_options=("--resolution",),

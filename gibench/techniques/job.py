@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Final, Literal
 
 from gibench.profiles import DeviceProfile
+from gibench.rays.bvh import Bvh
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
@@ -97,3 +98,44 @@ class World:
     camera: Camera
     flight: Flight | None = None
     motion: MovingObjects | None = None
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of a job when a technique's buffers are declared: at first what is asked and
+    the scene, later all that decides how large they are.
+
+    Attributes:
+        job: what is asked.
+        scene: the scene.
+        receivers: how many there are, or how many are aimed for.
+        motion: of the scene's objects; None where they rest.
+        lightmap: the scene's atlas; None as long as there is none, and nothing baked.
+        baked: what the technique's ``bake`` returned.
+        bvh: the scene's tree; None as long as it is not built.
+        vector_width: floats per vector of the executing device; 1, the least, as long as none is
+            opened.
+    """
+
+    job: Job
+    scene: Scene
+    receivers: int
+    motion: MovingObjects | None = None
+    lightmap: Lightmap | None = None
+    baked: Any = None
+    bvh: Bvh | None = None
+    vector_width: int = 1
+
+    @staticmethod
+    def all_of(job: Job, world: World, bvh: Bvh, vector_width: int) -> Known:
+        """All of it: what is declared from this is what is allocated."""
+        return Known(
+            job=job,
+            scene=world.scene,
+            receivers=len(world.lightmap.receivers),
+            motion=world.motion,
+            lightmap=world.lightmap,
+            baked=world.baked,
+            bvh=bvh,
+            vector_width=vector_width,
+        )

@@ -12,13 +12,13 @@ from typing import Any
 
 from gibench.bake.run import BakeReport, run_bake
 from gibench.bake.stage import Stage
-from gibench.device import Device
+from gibench.device import BufferSpec, Device
 from gibench.errors import BadInput
 from gibench.profiles.profile import DeviceProfile, Figure
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.camera_path import FlightOptions
-from gibench.techniques.job import Job, Shot, World
+from gibench.techniques.job import Job, Known, Shot, World
 from gibench.techniques.object_motion import MotionOptions
 from gibench.techniques.technique import Technique
 from gibench.work import Executor
@@ -84,8 +84,9 @@ class TechniqueSpec:
             ``title`` where its name alone does not read well, and ``axis`` where every table has a
             column of it.
         create: sets the technique up on a device.
-        memory_floor: bytes of device memory it will take at least, known before baking, from
-            (scene, number of receivers, settings, image width, image height).
+        buffers: what it holds on the device while frames run, whose sum is its memory. Once all is
+            known, every buffer as it is allocated. Before anything is baked or opened, a lower
+            bound: no buffer that will not be there, and none larger than it will be.
         stages: of what is computed ahead of frames, each after those it needs; the last one's value
             is what the technique is created with, None where there are none.
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
@@ -104,7 +105,7 @@ class TechniqueSpec:
     variants: tuple[str, ...]
     settings_type: type[Any]
     create: Callable[[Device, Job, World], Technique]
-    memory_floor: Callable[[Scene, int, Any, int, int], int]
+    buffers: Callable[[Known], list[BufferSpec]]
     stages: Callable[[BakeContext], Sequence[Stage]] = nothing_baked
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     check: Callable[[Scene, Any], None] = no_check

@@ -15,15 +15,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from support import fake_technique
+from support.made import made
+from support.synthetic_bake import random_lightmap
 from support.vector_widths import widths
 
 from gibench.bake.lightmap import cached_lightmap
 from gibench.commands.asked import by_option, read_settings
-from gibench.device import Device
+from gibench.device import BufferSpec, Device
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.measure.machine.environment import environment, versions, without_paths
 from gibench.measure.machine.roofs import measure_roofs
-from gibench.measure.plan.fit import Demand, Footprint
+from gibench.measure.plan.fit import Demand, Footprint, demand_of
 from gibench.measure.plan.grid import grid, typed_value
 from gibench.measure.plan.view import choose_camera
 from gibench.measure.runfolder.axes import TAKEN, axes_of, axis_values
@@ -41,11 +43,12 @@ from gibench.measure.statistics.summary import (
     per_second,
     summarize,
 )
-from gibench.profiles import load_profile
+from gibench.profiles import DeviceProfile, load_profile
 from gibench.report.tables import frame_columns, pass_columns
 from gibench.scene.builtin import build
 from gibench.scene.viewpoint import suggested_camera
 from gibench.study.quality import columns
+from gibench.techniques.job import Job, Known, Shot, World
 from gibench.techniques.registry import declared_counts, find_technique
 from gibench.techniques.technique import Work
 
@@ -260,13 +263,38 @@ def test_values_of_another_type_are_refused(hint: Any, text: str) -> None:
 def test_the_most_receivers_fit_and_one_more_does_not(
     asked_for: int, each: int, fixed: int, budget: int
 ) -> None:
-    spec = replace(fake_technique.SPEC, memory_floor=lambda s, n, *_: fixed + n * each)
+    def buffers(known: Known) -> list[BufferSpec]:
+        return [BufferSpec.of("all", fixed + known.receivers * each, np.uint8)]
+
+    spec = replace(fake_technique.SPEC, buffers=buffers)
     profile = replace(IPHONE, memory_budget_bytes=budget)
-    footprint = Footprint(spec, None, None, 1, 1, profile)  # type: ignore[arg-type]
+    job = Job("fake", fake_technique.FakeSettings(), "tuned", "none", profile, 64)
+    footprint = Footprint(spec, Known(job, None, 0))  # type: ignore[arg-type]
     most = footprint.most_receivers(asked_for)
     assert 0 <= most <= asked_for
     assert most == 0 or fixed + most * each <= budget
     assert most == asked_for or fixed + (most + 1) * each > budget
+
+
+def test_the_demand_is_what_is_allocated_without_limits(rng: np.random.Generator) -> None:
+    scene, spec = build("cornell-box"), find_technique("direct")
+    lightmap = random_lightmap(rng, scene, 50, 10, 10)
+    vast = made(
+        spec, Device(IPHONE), scene, lightmap, spec.settings({}), None, "tuned", 64, 30, 20,
+        scene.cameras[0],
+    )  # fmt: skip
+    held = vast.device.memory.allocated
+    tight = replace(IPHONE, memory_budget_bytes=sum(held.values()) - 1)
+    world = World(scene, lightmap, None, scene.cameras[0])
+
+    def demand(profile: DeviceProfile) -> Demand | None:
+        job = Job("direct", spec.settings({}), "tuned", scene.name, profile, 64, shot=Shot(30, 20))
+        return demand_of(spec, job, world, vast.device.vector_width)
+
+    total, most = sum(held.values()), max(held.values())
+    assert demand(tight) == Demand(total, most, total, most)
+    assert demand(replace(IPHONE, max_buffer_bytes=most - 1)) == Demand(total, most, total, most)
+    assert demand(replace(IPHONE, memory_budget_bytes=total, max_buffer_bytes=most)) is None
 
 
 def test_the_demand_scales_to_both_limits() -> None:

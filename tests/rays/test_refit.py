@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.made import by_name
 from support.moving_scenes import (
     begin,
     crowd,
@@ -32,7 +33,7 @@ from gibench.rays.refit import RefitPlan
 from gibench.rays.tracer import Hits
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.motion.poses import Turn
-from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.frame_scene import FrameScene
 
 SIZES = [1, 7, 64, 100]  # none of them divides what is moved
 
@@ -212,26 +213,34 @@ def test_a_large_scene_on_the_move_loses_no_ray(rng):
         assert not np.any(why == UNEXPLAINED), kind
 
 
-def test_memory_in_closed_form(rng):
+def test_memory_is_declared(rng):
     shared, motion = moving(rng)
-    device, scene = shared.device, shared.scene
-    assert shared.nbytes == device.memory.total_bytes
+    held, scene = shared.device.memory.allocated, shared.scene
     size = (scene, 8, 8)
-    floor = frame_scene_bytes(*size, motion=motion)
-    assert frame_scene_bytes(*size) < floor <= shared.nbytes
+    assert held == by_name(FrameScene.buffers(*size, bvh=shared.bvh, motion=motion))
+    least = by_name(FrameScene.buffers(*size, motion=motion))
+    assert all(n <= held[name] for name, n in least.items())
     plan = RefitPlan.of(shared.bvh, motion.triangles)
     vertices = len(motion.vertices(scene)[0])
-    extra = 4 * (8 * vertices + motion.triangles.sum() + len(plan.node_slots) + 12 * motion.objects)
-    assert shared.nbytes == frame_scene_bytes(*size, shared.bvh) + extra
+    resting = by_name(FrameScene.buffers(*size, bvh=shared.bvh))
+    assert {name: n for name, n in held.items() if name not in resting} == {
+        "moving_vertices": 4 * vertices,
+        "moving_vertex_objects": 4 * vertices,
+        "rest_positions": 12 * vertices,
+        "rest_normals": 12 * vertices,
+        "moving_triangle_slots": 4 * motion.triangles.sum(),
+        "moving_node_slots": 4 * len(plan.node_slots),
+        "object_transforms": 48 * motion.objects,
+    }
     # At rest nothing of it is there, and the table of transforms only where it is asked for.
     resting = FrameScene(open_device(), scene, 8, 8, scene.cameras[0], shared.bvh)
     assert resting.passes() == []
-    assert resting.nbytes == resting.device.memory.total_bytes
-    assert resting.nbytes == frame_scene_bytes(*size, shared.bvh)
+    held = resting.device.memory.allocated
+    assert held == by_name(FrameScene.buffers(*size, bvh=shared.bvh))
     table = resting.device.read(resting.object_transforms())
     np.testing.assert_array_equal(table, np.tile(np.eye(3, 4).reshape(-1), (5, 1)))
-    assert resting.nbytes == resting.device.memory.total_bytes
-    assert resting.nbytes == frame_scene_bytes(*size, shared.bvh) + 48 * 5
+    assert held == by_name(FrameScene.buffers(*size, bvh=shared.bvh, transforms=True))
+    assert held["object_transforms"] == 48 * 5
 
 
 def test_transforms_are_the_motions(rng):

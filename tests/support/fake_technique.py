@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gibench.bake.stage import Keep, Stage, Unit, stage_key
-from gibench.device import Device, Launch, ProgramSpec, reads, scalar, writes
+from gibench.device import BufferSpec, Device, Launch, ProgramSpec, reads, scalar, writes
 from gibench.errors import BadInput
-from gibench.techniques.job import Job, World
+from gibench.techniques.job import Job, Known, World
 from gibench.techniques.registry import BakeContext, TechniqueSpec
 from gibench.techniques.technique import Pass, Work
 from gibench.work import Worker
@@ -45,11 +45,11 @@ class Fake:
             self.settings = job.settings
         self.receivers = len(world.lightmap.receivers)
         rng = np.random.default_rng(job.seed)
-        self.a = self.device.empty("a", FLOATS, np.float32)
-        self.b = self.device.upload("b", rng.random(FLOATS, np.float32))
-        self.state = self.device.empty(
-            "state", (self.receivers, self.settings.bytes_per_receiver), np.uint8
+        self.held = device.allocate(
+            held(self.receivers, self.settings.bytes_per_receiver),
+            {"b": rng.random(FLOATS, np.float32)},
         )
+        self.a, self.b = self.held["a"], self.held["b"]
         if self.settings.fault == "create":
             raise ValueError("told to fall over in /home/someone/secret/file.py")
 
@@ -117,8 +117,27 @@ def refuse(settings: Any, needed: Sequence[Any], unit: Unit, worker: Worker) -> 
         raise BadInput("the bake refuses")
 
 
-def floor(scene, n, settings, width, height):
-    return n * settings.floor_per_receiver
+def buffers(known: Known) -> list[BufferSpec]:
+    """Before it is baked, a part of its state."""
+    settings = known.job.settings
+    if known.lightmap is None:
+        return [BufferSpec.of("state", (known.receivers, settings.floor_per_receiver), np.uint8)]
+    return held(known.receivers, settings.bytes_per_receiver)
+
+
+def held(receivers: int, bytes_per_receiver: int) -> list[BufferSpec]:
+    """What the technique allocates."""
+    return [
+        BufferSpec.of("a", FLOATS, np.float32),
+        BufferSpec.of("b", FLOATS, np.float32),
+        BufferSpec.of("state", (receivers, bytes_per_receiver), np.uint8),
+    ]
+
+
+def plain_buffers(known: Known) -> list[BufferSpec]:
+    """Of what has no settings."""
+    own = FakeSettings()
+    return [] if known.lightmap is None else held(known.receivers, own.bytes_per_receiver)
 
 
 SPEC = TechniqueSpec(
@@ -128,7 +147,7 @@ SPEC = TechniqueSpec(
     settings_type=FakeSettings,
     stages=stages,
     create=Fake,
-    memory_floor=floor,
+    buffers=buffers,
     counts={"probes": "probes"},
 )
 
@@ -145,5 +164,5 @@ PLAIN = TechniqueSpec(
     settings_type=PlainSettings,
     stages=stages,
     create=Fake,
-    memory_floor=lambda scene, n, settings, width, height: 0,
+    buffers=plain_buffers,
 )

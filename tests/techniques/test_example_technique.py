@@ -33,7 +33,7 @@ from gibench.device import Device
 from gibench.measure.plan.view import choose_camera
 from gibench.profiles import load_profile
 from gibench.techniques.registry import BakeContext, find_technique
-from support.made import made
+from support.made import check_memory, made
 from support.tiny_scenes import room
 
 spec, (scene, lightmap) = find_technique("example"), room(5)
@@ -41,7 +41,7 @@ settings = spec.settings({"reach": 0.7, "rays": 64, "counts": "3x2x4", "ambient"
 baked = spec.bake(BakeContext(scene, lightmap, settings, Path(sys.argv[1])))
 technique = made(spec, Device(load_profile("iphone7")), scene, lightmap, settings, baked, "tuned",
                  64, 24, 16, choose_camera(scene, None))
-assert technique.nbytes == technique.device.memory.total_bytes
+check_memory(spec, technique, settings, "tuned", 64, len(lightmap.receivers))
 np.savez(sys.argv[2], openness=baked, irradiance=technique.indirect_irradiance())
 """
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.made import by_name
 from support.shading_oracle import bilinear, direct_irradiance, open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
@@ -12,7 +13,7 @@ import gibench
 from gibench.device import Launch, ProgramSpec, integer, reads, writes
 from gibench.techniques.parts.camera_pass import camera_launch
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
-from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.lightmap_lookup import lightmap_application
 from gibench.techniques.parts.lightmap_update import lightmap_update
@@ -219,20 +220,24 @@ def test_a_signal_is_looked_up_whole(components, tmp_path):
     assert found[:, components - 1].max() > 0.5
 
 
-def test_memory_in_closed_form():
+def test_memory_is_declared():
     rng = np.random.default_rng(3)
     scene = random_scene(rng, 77)
     device = open_device()
     shared = FrameScene(device, scene, 33, 9, scene.cameras[0])
-    assert shared.nbytes == device.memory.total_bytes
-    assert frame_scene_bytes(scene, 33, 9) <= shared.nbytes
+    declared = FrameScene.buffers(scene, 33, 9, shared.bvh)
+    assert device.memory.allocated == by_name(declared)
+    least = by_name(FrameScene.buffers(scene, 33, 9))
+    assert all(n <= device.memory.allocated[name] for name, n in least.items())
     receivers = FrameLightmap.upload(device, random_lightmap(rng, scene, 50, 10, 11))
-    assert shared.nbytes + receivers.nbytes == device.memory.total_bytes
-    receivers.new_map("map")
-    known = shared.nbytes + receivers.nbytes + receivers.map_bytes(110)
-    assert known == device.memory.total_bytes
-    signal = ReceiverSignal.create(receivers, "signal", components=4)
-    assert known + signal.nbytes == device.memory.total_bytes
+    declared += FrameLightmap.buffers(77, 50)
+    assert device.memory.allocated == by_name(declared)
+    receivers.new_map("map", 3)
+    declared.append(FrameLightmap.map_buffer("map", 113))
+    assert device.memory.allocated == by_name(declared)
+    ReceiverSignal.create(receivers, "signal", components=4)
+    declared.append(ReceiverSignal.spec("signal", 110, components=4))
+    assert device.memory.allocated == by_name(declared)
 
 
 def test_srgb_codes_are_exact_for_8_bit_sources():

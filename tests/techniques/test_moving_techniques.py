@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from support.ddgi_oracle import create as ddgi
 from support.gibs_scenes import Frames, gibs
+from support.made import check_memory
 from support.made import made as create
 from support.moving_scenes import (
     LEFT,
@@ -40,6 +41,10 @@ from gibench.techniques.registry import (
     techniques,
 )
 
+HELD = {
+    "moving_vertices", "moving_vertex_objects", "rest_positions", "rest_normals",
+    "moving_triangle_slots", "moving_node_slots",
+}  # fmt: skip
 MOVES = ["move_vertices", "refit_leaves", "refit_nodes"]
 
 
@@ -56,10 +61,15 @@ SMALL = {"counts": "2x2x2", "surfels": 50}
 FOLLOWING = [n for n, spec in techniques().items() if Follows.DIRECT_LIGHT in spec.follows]
 
 
+def small(name):
+    """Its settings."""
+    spec = find_technique(name)
+    return spec.settings({k: v for k, v in SMALL.items() if hasattr(spec.settings_type, k)})
+
+
 def made(name, scene, motion, cache):
     """A technique on a device of its own."""
-    spec = find_technique(name)
-    settings = spec.settings({k: v for k, v in SMALL.items() if hasattr(spec.settings_type, k)})
+    spec, settings = find_technique(name), small(name)
     lightmap = random_lightmap(np.random.default_rng(1), scene, 5, 4, 4)
     baked = spec.bake(BakeContext(scene, lightmap, settings, cache))
     return create(spec, open_device(), scene, lightmap, settings, baked, TUNED,
@@ -80,8 +90,9 @@ def test_a_technique_that_follows_gains_the_passes_first_and_nothing_else(name, 
     assert [item.name for item in moving.passes()] == own
     assert [item.name for item in frame_passes(moving)] == MOVES + own
     assert [item.name for item in prepare_passes(moving, 64)] == MOVES + own
-    assert moving.nbytes == moving.device.memory.total_bytes > resting.nbytes
-    assert resting.nbytes == resting.device.memory.total_bytes
+    added = set(moving.device.memory.allocated) - set(resting.device.memory.allocated)
+    assert added - {"object_transforms"} == HELD
+    check_memory(find_technique(name), moving, small(name), TUNED, 64, 5, motion)
     tables = [name for name in moving.device.memory.allocated if "transforms" in name]
     assert tables == ["object_transforms"]  # surfels use the same one
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made import made
+from support.made import check_memory, made
 from support.shading_oracle import open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
@@ -53,8 +53,10 @@ def test_lights_move_with_the_frame(direct):
     assert np.any(direct.device.read(direct.scene.image) != first)
 
 
-def test_memory_in_closed_form(direct):
-    assert direct.nbytes == direct.device.memory.total_bytes
+def test_memory_is_declared(direct):
+    spec = find_technique("direct")
+    least, held = check_memory(spec, direct, spec.settings({}), "tuned", 64, 100)
+    assert 0.5 * held < least < held
 
 
 def test_a_pass_that_cannot_be_built_fails_alone(direct):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-from gibench.device import Device
-from gibench.errors import CannotRun, GibenchError
+from gibench.device import largest, total_bytes
+from gibench.errors import CannotRun
 from gibench.profiles import DeviceProfile
+from gibench.rays.bvh import build_bvh
 from gibench.scene.model import Scene
-from gibench.techniques.job import Job, World
+from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.registry import TechniqueSpec
 
@@ -19,24 +19,29 @@ FEWEST_RECEIVERS = 64
 
 RECEIVERS = "--receivers"
 
-_NO_LIMIT = 1 << 62
 _MARGIN = 0.97  # receivers come in whole clusters and rows: a little less than in proportion
 
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a technique will take of a device's memory at least, told before baking."""
+    """What a technique will take of a device's memory at least, told before baking.
+
+    Attributes:
+        spec: the technique.
+        known: the job and its scene.
+    """
 
     spec: TechniqueSpec
-    scene: Scene
-    settings: Any
-    width: int
-    height: int
-    profile: DeviceProfile
+    known: Known
+
+    @property
+    def profile(self) -> DeviceProfile:
+        """Whose budget binds."""
+        return self.known.job.profile
 
     def floor(self, receivers: int) -> int:
         """Bytes it takes at least with ``receivers``."""
-        return self.spec.memory_floor(self.scene, receivers, self.settings, self.width, self.height)
+        return total_bytes(self.spec.buffers(replace(self.known, receivers=receivers)))
 
     def fits(self, receivers: int) -> bool:
         """Whether the floor is within the budget."""
@@ -71,15 +76,15 @@ class Footprint:
         if most:
             mend = f"--receivers {most} may fit (or pass --fit)"
         raise CannotRun(
-            f"{self.spec.name} on {self.scene.name} with {receivers:,} receivers asks for at least "
-            f"{asked:,} bytes; profile {self.profile.name} has {there:,}",
+            f"{self.spec.name} on {self.known.scene.name} with {receivers:,} receivers asks for "
+            f"at least {asked:,} bytes; profile {self.profile.name} has {there:,}",
             mend=mend,
         )
 
 
 @dataclass(frozen=True)
 class Demand:
-    """What a technique really allocates when no profile stops it, bytes.
+    """What a technique allocates where no profile stops it, bytes.
 
     Attributes:
         total: all buffers together.
@@ -137,30 +142,22 @@ def _any_of(options: Sequence[str]) -> str:
     return " or ".join(filter(None, (", ".join(options[:-1]), options[-1])))
 
 
-def measure_demand(spec: TechniqueSpec, device: Device, job: Job, world: World) -> Demand | None:
-    """What ``spec`` allocates on ``device`` without the profile's memory limits.
+def demand_of(spec: TechniqueSpec, job: Job, world: World, vector_width: int) -> Demand | None:
+    """What ``spec`` allocates for ``job`` in ``world``; None where that is within the profile's
+    limits.
 
-    None where it cannot be told: the executing device itself has too little, or something else
-    than memory forbids it.
+    Args:
+        spec: the technique.
+        job: what is asked.
+        world: what is seen.
+        vector_width: floats per vector of the executing device.
     """
-    limits = device.profile
-    lifted = replace(limits, memory_budget_bytes=_NO_LIMIT, max_buffer_bytes=_NO_LIMIT)
-    try:
-        fixed = _fixed_part(Device(lifted, device.cl_device), job, world)
-        free = Device(lifted, device.cl_device)
-        spec.create(free, job, world)
-    except (GibenchError, MemoryError):
-        return None
-    ledger = free.memory
-    demand = Demand(
-        ledger.peak_bytes, max(ledger.allocated.values(), default=0), sum(fixed), max(fixed)
-    )
+    known = Known.all_of(job, world, build_bvh(world.scene.corners), vector_width)
+    declared = spec.buffers(known)
+    scene = {buffer.name for buffer in FrameScene.declared(known)}
+    fixed = [buffer for buffer in declared if buffer.name in scene]
+    demand = Demand(total_bytes(declared), largest(declared), total_bytes(fixed), largest(fixed))
+    limits = job.profile
     if demand.total <= limits.memory_budget_bytes and demand.largest <= limits.max_buffer_bytes:
         return None
     return demand
-
-
-def _fixed_part(device: Device, job: Job, world: World) -> list[int]:
-    """Bytes of every buffer that no number of receivers changes."""
-    FrameScene.of(device, job.shot, world)
-    return list(device.memory.allocated.values())

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from gibench.arrays import Doubles
 from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
-from gibench.measure.plan.fit import FEWEST_RECEIVERS, Footprint, has_receivers, measure_demand
+from gibench.measure.plan.fit import FEWEST_RECEIVERS, Footprint, demand_of, has_receivers
 from gibench.measure.plan.view import choose_camera
 from gibench.measure.session.enqueue import (
     FrameTimes,
@@ -24,7 +24,7 @@ from gibench.measure.session.enqueue import (
 )
 from gibench.measure.session.shared import Shared
 from gibench.scene.model import Scene
-from gibench.techniques.job import Job, World
+from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import Follows, TechniqueSpec, find_technique, techniques
 from gibench.techniques.technique import (
@@ -90,7 +90,7 @@ class Session:
         if motion is not None and Follows.DIRECT_LIGHT not in spec.follows:
             raise _stands_still(spec)
         asked = receivers = job.receivers or scene.receivers
-        footprint = Footprint(spec, scene, job.settings, shot.width, shot.height, job.profile)
+        footprint = Footprint(spec, Known(job, scene, receivers, motion=motion))
         if fit:
             receivers = footprint.most_receivers(asked) or asked
         footprint.check(receivers)
@@ -102,7 +102,7 @@ class Session:
                 technique = spec.create(device, job, world)
                 break
             except CannotRun as error:
-                demand = measure_demand(spec, device, job, world)
+                demand = demand_of(spec, job, world, device.vector_width)
                 fewer = 0
                 if demand is not None and has_receivers(spec):
                     fewer = demand.receivers_that_fit(job.profile, receivers)

@@ -6,13 +6,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from gibench.bake.stage import Keep, Stage, Unit, stage_key
+from gibench.device import BufferSpec
 from gibench.scene.model import Scene
-from gibench.techniques.ddgi.blending import Published
+from gibench.techniques.ddgi.blending import Published, Tuned, lanes_of
+from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.placement import make_volume
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.technique import Ddgi
-from gibench.techniques.parts.frame_scene import frame_scene_bytes
+from gibench.techniques.job import Known
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
 from gibench.work import Worker
@@ -38,13 +42,20 @@ def _check(scene: Scene, settings: DdgiSettings) -> None:
     make_volume(scene, settings)
 
 
-def _memory_floor(
-    scene: Scene, receivers: int, settings: DdgiSettings, width: int, height: int
-) -> int:
-    """Scene, maps and the smaller variant's rays."""
-    probes = make_volume(scene, settings).probes
-    own = Probes.bytes_of(settings, probes) + Published.bytes_of(settings, probes)
-    return frame_scene_bytes(scene, width, height) + own
+def _buffers(known: Known) -> list[BufferSpec]:
+    """Scene, probes, the variant's rays, sums, and what the camera's rays hit."""
+    job = known.job
+    settings: DdgiSettings = job.settings
+    probes = make_volume(known.scene, settings).probes
+    lanes = lanes_of(known.vector_width, job.profile.simd_width)
+    tuned = job.variant == TUNED
+    return [
+        *FrameScene.declared(known),
+        *Probes.buffers(settings, probes),
+        *(Tuned.buffers(settings, probes, lanes) if tuned else Published.buffers(settings, probes)),
+        *DdgiPasses.sums(settings, probes, job.group_size),
+        HitBuffer.spec(job.shot.width, job.shot.height),
+    ]
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
@@ -59,7 +70,7 @@ SPEC = TechniqueSpec(
     settings_type=DdgiSettings,
     stages=_stages,
     create=Ddgi,
-    memory_floor=_memory_floor,
+    buffers=_buffers,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     sweep=_sweep,
     check=_check,

@@ -10,6 +10,7 @@ import numpy as np
 from gibench.device import (
     Argument,
     Buffer,
+    BufferSpec,
     Launch,
     ProgramSpec,
     integer,
@@ -64,13 +65,13 @@ class Published:
 
     def __init__(self, probes: Probes) -> None:
         self.probes = probes
-        shape = (probes.volume.probes, probes.settings.blended, 4)
-        self.rays = probes.device.upload("rays", np.zeros(shape, np.float32))
+        held = probes.device.allocate(Published.buffers(probes.settings, probes.volume.probes))
+        self.rays = held["rays"]
 
     @staticmethod
-    def bytes_of(settings: DdgiSettings, probes: int) -> int:
-        """Bytes of device memory it takes."""
-        return 16 * probes * settings.blended
+    def buffers(settings: DdgiSettings, probes: int) -> list[BufferSpec]:
+        """The buffers for so many probes."""
+        return [BufferSpec.of("rays", (probes, settings.blended, 4), np.float32)]
 
     def irradiance(self) -> Sequence[Launch]:
         """One launch, a group per probe."""
@@ -110,27 +111,26 @@ class Tuned:
         device, s = probes.device, probes.settings
         self.width = device.vector_width
         self.lanes = lanes_of(device.vector_width, device.profile.simd_width)
-        count, blocks = probes.volume.probes, -(-probes.volume.probes // self.lanes)
-        shape = (blocks, s.blended, RAY_PLANES, self.lanes)
-        self.rays = device.upload("rays", np.zeros(shape, np.float32))
-        self._backs = device.upload("backface_counts", np.zeros(count, np.float32))
-        length = list_length(s.blended)
+        held = device.allocate(Tuned.buffers(s, probes.volume.probes, self.lanes))
+        self.rays, self._backs = held["rays"], held["backface_counts"]
         self._lists = {
-            name: (
-                device.upload(f"{name}_lengths", np.zeros(side**2, np.int32)),
-                device.upload(f"{name}_rays", np.zeros((side**2, length), np.int32)),
-                device.upload(f"{name}_weights", np.zeros((side**2, length), np.float32)),
-            )
-            for name, side in (("irradiance", s.irradiance_texels), ("distance", s.distance_texels))
+            name: (held[f"{name}_lengths"], held[f"{name}_rays"], held[f"{name}_weights"])
+            for name in ("irradiance", "distance")
         }
 
     @staticmethod
-    def bytes_of(settings: DdgiSettings, probes: int, lanes: int) -> int:
-        """Bytes of device memory it takes."""
-        blocks = -(-probes // lanes)
-        texels = settings.irradiance_texels**2 + settings.distance_texels**2
-        lists = texels * (4 + 8 * list_length(settings.blended))
-        return 4 * blocks * settings.blended * RAY_PLANES * lanes + 4 * probes + lists
+    def buffers(settings: DdgiSettings, probes: int, lanes: int) -> list[BufferSpec]:
+        """The buffers for so many probes, ``lanes`` of them side by side."""
+        s, of = settings, BufferSpec.of
+        length, shape = list_length(s.blended), (-(-probes // lanes), s.blended, RAY_PLANES, lanes)
+        found = [of("rays", shape, np.float32), of("backface_counts", probes, np.float32)]
+        for name, side in (("irradiance", s.irradiance_texels), ("distance", s.distance_texels)):
+            found += [
+                of(f"{name}_lengths", side**2, np.int32),
+                of(f"{name}_rays", (side**2, length), np.int32),
+                of(f"{name}_weights", (side**2, length), np.float32),
+            ]
+        return found
 
     def irradiance(self) -> Sequence[Launch]:
         """The frame's weights, the rays on backs, then the product."""

@@ -9,6 +9,7 @@ import numpy as np
 from gibench.device import (
     Argument,
     Buffer,
+    BufferSpec,
     Define,
     Launch,
     ProgramSpec,
@@ -22,6 +23,7 @@ from gibench.device import (
 )
 from gibench.techniques.ddgi.blending import Blending, distance_share
 from gibench.techniques.ddgi.probes import Probes, distance_maps, irradiance_maps
+from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.parts.camera_pass import Application, lookup_defines
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
@@ -62,9 +64,8 @@ class DdgiPasses:
     ) -> None:
         self.scene, self.probes, self.blending = scene, probes, blending
         self.workgroup_size = workgroup_size
-        groups = self.groups_of(probes, workgroup_size)
-        self._sums = probes.device.upload("variability_sums", np.zeros(groups, np.float32))
-        self._counts = probes.device.upload("variability_counts", np.zeros(groups, np.uint32))
+        sums, counts = self.sums(probes.settings, probes.volume.probes, workgroup_size)
+        self._sums, self._counts = probes.device.create(sums), probes.device.create(counts)
         self.application = Application(
             scene=scene,
             hits=HitBuffer.create(probes.device, scene.width, scene.height),
@@ -75,16 +76,15 @@ class DdgiPasses:
         )
 
     @staticmethod
-    def groups_of(probes: Probes, workgroup_size: int) -> int:
-        """Groups that the variability is summed in."""
-        texels = probes.volume.probes * probes.settings.irradiance_texels**2
-        return -(-texels // (SUM_ITEMS * workgroup_size))
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of device memory it takes itself."""
-        hits = HitBuffer.bytes_of(self.scene.width, self.scene.height)
-        return hits + 8 * self.groups_of(self.probes, self.workgroup_size)
+    def sums(
+        settings: DdgiSettings, probes: int, workgroup_size: int
+    ) -> tuple[BufferSpec, BufferSpec]:
+        """What each group sums of the variability: the values, and their number."""
+        groups = -(-probes * settings.irradiance_texels**2 // (SUM_ITEMS * workgroup_size))
+        return (
+            BufferSpec.of("variability_sums", groups, np.float32),
+            BufferSpec.of("variability_counts", groups, np.uint32),
+        )
 
     def passes(self) -> list[Pass]:
         """The passes of a frame, in order."""

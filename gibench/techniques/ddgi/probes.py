@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.device import Argument, Buffer, BufferSpec, Device, reads, total_bytes
+from gibench.device import Argument, Buffer, BufferSpec, Device, reads
 from gibench.device.build import Define
 from gibench.techniques.ddgi.placement import ray_directions
 from gibench.techniques.ddgi.settings import DdgiSettings
@@ -103,16 +103,6 @@ class Probes:
             of("variability", (p, s.irradiance_texels**2), f32),
             of("average_variability", 1, f32),
         ]
-
-    @staticmethod
-    def bytes_of(settings: DdgiSettings, probes: int) -> int:
-        """Bytes that the buffers of so many probes take."""
-        return total_bytes(Probes.buffers(settings, probes))
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes they take on the device, in closed form."""
-        return self.bytes_of(self.settings, self.volume.probes)
 
     @property
     def volume(self) -> Volume:

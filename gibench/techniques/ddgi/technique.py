@@ -9,7 +9,7 @@ import numpy as np
 
 from gibench.device import Device, Launch
 from gibench.scene.model import Camera
-from gibench.techniques.ddgi.blending import Blending, Published, Tuned, lanes_of
+from gibench.techniques.ddgi.blending import Blending, Published, Tuned
 from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
@@ -50,17 +50,6 @@ class Ddgi:
         self.blending: Blending = Tuned(self.probes) if tuned else Published(self.probes)
         packets = tuned and suits_packets(device)
         self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size, packets)
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of device memory it takes, in closed form."""
-        probes, settings = self.probes.volume.probes, self._settings
-        if self._job.variant == TUNED:
-            lanes = lanes_of(self.device.vector_width, self.device.profile.simd_width)
-            own = Tuned.bytes_of(settings, probes, lanes)
-        else:
-            own = Published.bytes_of(settings, probes)
-        return self.scene.nbytes + self.probes.nbytes + own + self._passes.nbytes
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""

@@ -3,23 +3,11 @@
 from __future__ import annotations
 
 from gibench.scene.model import Scene
-from gibench.techniques.gibs.passes import CameraView
 from gibench.techniques.gibs.settings import GibsSettings
-from gibench.techniques.gibs.surfels import Surfels
-from gibench.techniques.gibs.technique import Gibs
-from gibench.techniques.parts.frame_scene import frame_scene_bytes
+from gibench.techniques.gibs.technique import Gibs, buffers
 from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec
 
 __all__ = ["SPEC", "Gibs", "GibsSettings"]
-
-
-def _memory_floor(
-    scene: Scene, receivers: int, settings: GibsSettings, width: int, height: int
-) -> int:
-    own = Surfels.bytes_of(settings, 4096) + CameraView.bytes_of(
-        len(scene.triangles), width, height
-    )
-    return frame_scene_bytes(scene, width, height) + own
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[float, ...]]:
@@ -32,7 +20,7 @@ SPEC = TechniqueSpec(
     variants=(PUBLISHED, TUNED),
     settings_type=GibsSettings,
     create=Gibs,
-    memory_floor=_memory_floor,
+    buffers=buffers,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=_sweep,

@@ -20,7 +20,6 @@ from gibench.device import (
     local,
     reads,
     scalar,
-    total_bytes,
     updates,
     writes,
 )
@@ -111,11 +110,6 @@ class CameraView:
             of("tile_least", tiles_of(width, height), np.uint32),
             of("triangle_objects", triangles, np.int32),
         ]
-
-    @staticmethod
-    def bytes_of(triangles: int, width: int, height: int) -> int:
-        """Bytes it takes."""
-        return total_bytes(CameraView.buffers(triangles, width, height))
 
 
 def tiles_of(width: int, height: int) -> int:

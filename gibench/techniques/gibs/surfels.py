@@ -7,10 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.device import Buffer, BufferSpec, Device, total_bytes
+from gibench.device import Buffer, BufferSpec, Device
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.parts.scan import BlockScan
 from gibench.techniques.parts.surfels import SURFEL_WORDS, SurfelGeometry
+
+SCAN = "surfel_scan"
+"""The scratch of their prefix sum begins with this in the ledger."""
 
 FRAME_WORDS = SURFEL_WORDS + 3  # kernels_cl/gibs/frame.cl
 COUNT_WORDS = 5
@@ -89,7 +92,8 @@ class Surfels:
             "surfel_free_ids": np.arange(n - 1, -1, -1, dtype=np.int64).astype(np.uint32),
             "surfel_counters": counters,
         }
-        held = device.allocate(Surfels.buffers(settings), data)
+        held = device.allocate(Surfels.own(settings), data)
+        scan = BlockScan.create(device, SCAN, n, workgroup_size)
         estimator = held["surfel_estimator"]
         geometry = SurfelGeometry.of(held, transforms, estimator)
         return Surfels(
@@ -104,7 +108,7 @@ class Surfels:
             marks=held["surfel_marks"],
             before=held["surfel_before"],
             survivors=held["surfel_survivors"],
-            scan=BlockScan.create(device, "surfel_scan", n, workgroup_size),
+            scan=scan,
             ray_first=held["surfel_ray_first"],
             ray_owner=held["surfel_ray_owner"],
             ray_light=held["surfel_ray_light"],
@@ -112,8 +116,14 @@ class Surfels:
         )
 
     @staticmethod
-    def buffers(settings: GibsSettings) -> list[BufferSpec]:
-        """The buffers of so many surfels and rays, the transforms and the scan's left out."""
+    def buffers(settings: GibsSettings, workgroup_size: int) -> list[BufferSpec]:
+        """The buffers of so many surfels and rays, the transforms left out."""
+        scan = BlockScan.buffer(SCAN, settings.surfels, workgroup_size)
+        return [*Surfels.own(settings), scan]
+
+    @staticmethod
+    def own(settings: GibsSettings) -> list[BufferSpec]:
+        """The buffers without the scan's."""
         n, rays = settings.surfels, most_rays(settings)
 
         def floats(name: str, *shape: int) -> BufferSpec:
@@ -139,9 +149,3 @@ class Surfels:
             floats("ray_light", rays, 4),
             floats("ray_choice", rays, 2),
         ]
-
-    @staticmethod
-    def bytes_of(settings: GibsSettings, workgroup_size: int) -> int:
-        """Bytes it takes, without the transforms."""
-        blocks = BlockScan.blocks(settings.surfels, workgroup_size)
-        return total_bytes(Surfels.buffers(settings)) + 4 * max(blocks, 1)

@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Buffer, Device, Launch
+from gibench.device import Buffer, BufferSpec, Device, Launch, total_bytes
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.gibs.passes import CameraView, FramePasses, tiles_of
@@ -24,8 +24,8 @@ from gibench.techniques.gibs.surfels import (
     rays_in_frame,
 )
 from gibench.techniques.gibs.work import FrameSizes, frame_work
-from gibench.techniques.job import Job, World
-from gibench.techniques.parts.frame_scene import FrameScene, frame_scene_bytes
+from gibench.techniques.job import Job, Known, World
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.surfel_grid import (
     NEIGHBOURS,
     Grid,
@@ -66,7 +66,7 @@ class Gibs:
         self._job, self._world, self.settings, self.device = job, world, settings, device
         scene, size = world.scene, job.group_size
         published = job.variant == PUBLISHED
-        self._refuse_too_many(published)
+        self._refuse_too_many()
         grid = grid_of(scene, settings)
         self.scene = FrameScene.of(device, job.shot, world)
         self.surfels = Surfels.create(device, settings, self.scene.object_transforms(), size)
@@ -97,11 +97,6 @@ class Gibs:
             settings.recycle_distance * diagonal,
         )
         self._receivers: tuple[Buffer, Buffer, Buffer] | None = None
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of device memory it takes, in closed form; receivers come when asked for."""
-        return self.scene.nbytes + own_bytes(self.device, self._job, self._world)
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order. Before any frame no surfel is alive: what they do is
@@ -246,12 +241,13 @@ class Gibs:
         own = [self._number, self._rays, self._job.seed & 0xFFFFFFFF]
         return np.concatenate([words, np.array(own, np.uint32)])
 
-    def _refuse_too_many(self, published: bool) -> None:
+    def _refuse_too_many(self) -> None:
         """Refuse more surfels than the profile's budget holds, before anything is allocated."""
         memory = self.device.memory
         budget = memory.profile.memory_budget_bytes - memory.total_bytes
-        scene = frame_scene_bytes(self._world.scene, self._job.shot.width, self._job.shot.height)
-        needed = scene + own_bytes(self.device, self._job, self._world)
+        world = self._world
+        receivers = len(world.lightmap.receivers)
+        needed = total_bytes(buffers(Known(self._job, world.scene, receivers, motion=world.motion)))
         if needed > budget:
             raise CannotRun(
                 f"{self.settings.surfels:,} surfels and the scene take {needed:,} bytes; "
@@ -272,14 +268,21 @@ def entries_of(settings: GibsSettings, published: bool) -> int:
     return settings.surfels * (NEIGHBOURS if published else settings.entries_per_surfel)
 
 
-def own_bytes(device: Device, job: Job, world: World) -> int:
-    """Bytes beyond the :class:`FrameScene`, in closed form."""
+def buffers(known: Known) -> list[BufferSpec]:
+    """Scene, surfels, grid and camera view; receivers come when they are asked for."""
+    job, triangles = known.job, len(known.scene.triangles)
     settings: GibsSettings = job.settings
-    published, size = job.variant == PUBLISHED, job.group_size
-    grid = grid_of(world.scene, settings)
-    triangles = len(world.scene.triangles)
-    return (
-        Surfels.bytes_of(settings, size)
-        + SurfelGrid.bytes_of(device, grid, published, entries_of(settings, published), size)
-        + CameraView.bytes_of(triangles, job.shot.width, job.shot.height)
+    published = job.variant == PUBLISHED
+    grid = SurfelGrid.buffers(
+        grid_of(known.scene, settings),
+        published,
+        entries_of(settings, published),
+        simd_width=job.profile.simd_width,
+        workgroup_size=job.group_size,
     )
+    return [
+        *FrameScene.declared(known, transforms=True),
+        *Surfels.buffers(settings, job.group_size),
+        *grid,
+        *CameraView.buffers(triangles, job.shot.width, job.shot.height),
+    ]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.arrays import Ints
-from gibench.device import Buffer, Device
+from gibench.arrays import Floats, Ints
+from gibench.device import Buffer, BufferSpec, Device
 from gibench.scene.lightmap import Lightmap
 
 
@@ -57,31 +57,45 @@ class FrameLightmap:
         """
         uvs = np.nan_to_num(lightmap.triangle_uvs, nan=-1.0).astype(np.float32)
         receivers = lightmap.receivers
+        held = device.allocate(
+            FrameLightmap.buffers(len(lightmap.triangle_uvs), len(receivers)),
+            {
+                "lightmap_uvs": uvs.reshape(-1, 6),
+                "receiver_position": receivers.position,
+                "receiver_normal": receivers.normal,
+                "receiver_albedo": receivers.albedo,
+                "receiver_emission": receivers.emission,
+                "receiver_texel": receivers.texel,
+            },
+        )
         return FrameLightmap(
-            device,
-            lightmap,
-            device.upload("lightmap_uvs", uvs.reshape(-1, 6)),
-            device.upload("receiver_position", receivers.position),
-            device.upload("receiver_normal", receivers.normal),
-            device.upload("receiver_albedo", receivers.albedo),
-            device.upload("receiver_emission", receivers.emission),
-            device.upload("receiver_texel", receivers.texel),
+            device=device,
+            lightmap=lightmap,
+            uvs=held["lightmap_uvs"],
+            position=held["receiver_position"],
+            normal=held["receiver_normal"],
+            albedo=held["receiver_albedo"],
+            emission=held["receiver_emission"],
+            texel=held["receiver_texel"],
         )
 
     @staticmethod
-    def bytes_of(triangles: int, receivers: int) -> int:
-        """Bytes that one of this size takes, maps not included."""
-        return 4 * (6 * triangles + 13 * receivers)
+    def buffers(triangles: int, receivers: int) -> list[BufferSpec]:
+        """The buffers of an atlas of this size, maps not included."""
+        of, f32 = BufferSpec.of, np.float32
+        return [
+            of("lightmap_uvs", (triangles, 6), f32),
+            of("receiver_position", (receivers, 3), f32),
+            of("receiver_normal", (receivers, 3), f32),
+            of("receiver_albedo", (receivers, 3), f32),
+            of("receiver_emission", (receivers, 3), f32),
+            of("receiver_texel", receivers, np.int32),
+        ]
 
     @staticmethod
-    def map_bytes(texels: int) -> int:
-        """Bytes of one map of ``texels`` texels."""
-        return 16 * texels
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes it takes on the device, in closed form; maps not included."""
-        return self.bytes_of(len(self.lightmap.triangle_uvs), len(self.lightmap.receivers))
+    def map_buffer(name: str, entries: int) -> BufferSpec:
+        """A map of ``entries`` texels and what stands behind them."""
+        return BufferSpec.of(name, (entries, 4), np.float32)
 
     @property
     def texels(self) -> int:
@@ -95,6 +109,10 @@ class FrameLightmap:
             name: in the ledger.
             extra: further black entries behind the texels.
         """
+        return self.device.create(self.map_buffer(name, self.texels + extra), self.black(extra))
+
+    def black(self, extra: int = 0) -> Floats:
+        """What :meth:`new_map` holds at first, (texels + extra, 4)."""
         data = np.zeros((self.texels + extra, 4), np.float32)
         data[self.lightmap.receivers.texel, 3] = 1.0
-        return self.device.upload(name, data)
+        return data

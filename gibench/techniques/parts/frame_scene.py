@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gibench.device import Argument, Buffer, Device, ProgramSpec, integer, reads
+from gibench.device import Argument, Buffer, BufferSpec, Device, ProgramSpec, integer, reads
 from gibench.device.build import Define
 from gibench.rays.bvh import Bvh, build_bvh
 from gibench.rays.device_bvh import DeviceBvh
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
-from gibench.techniques.job import Shot, World
+from gibench.techniques.job import Known, Shot, World
 from gibench.techniques.parts.camera_table import CAMERA_FLOATS, camera_table
 from gibench.techniques.parts.light_table import light_table
 from gibench.techniques.parts.macros import LIGHT_FLOATS, SCENE_MACROS
@@ -26,38 +26,10 @@ from gibench.techniques.parts.surfaces import Surfaces
 from gibench.techniques.technique import Pass
 
 
-def frame_scene_bytes(
-    scene: Scene,
-    width: int,
-    height: int,
-    bvh: Bvh | None = None,
-    motion: MovingObjects | None = None,
-) -> int:
-    """Bytes that a :class:`FrameScene` takes.
-
-    Args:
-        scene: the scene.
-        width: of the image, pixels.
-        height: of the image, pixels.
-        bvh: its tree; without it, the tree counts as its full leaf blocks alone (8 triangles in
-            320 bytes, kernels_cl/common/bvh.cl), a lower bound.
-        motion: what moves in it; nothing of this is counted at rest.
-    """
-    triangles = len(scene.triangles)
-    tree = -(-triangles // 8) * 320 if bvh is None else bvh.nodes.nbytes + bvh.blocks.nbytes
-    cut = 0 if scene.cutouts is None else scene.cutouts.packed_bytes(triangles)
-    moving = 0
-    if motion is not None:
-        moving = 4 * TRANSFORM_FLOATS * motion.objects + MovingGeometry.bytes_of(scene, motion, bvh)
-    return int(
-        tree
-        + cut
-        + moving
-        + Surfaces.bytes_of(scene)
-        + 4 * scene.environment.pixels.size
-        + 4 * (LIGHT_FLOATS * len(scene.lights) + CAMERA_FLOATS)
-        + 4 * 3 * width * height
-    )
+def transforms_buffer(scene: Scene) -> BufferSpec:
+    """Of a transform for every object, moving or not."""
+    objects = len(np.unique(scene.object_ids))
+    return BufferSpec.of("object_transforms", (objects, TRANSFORM_FLOATS), np.float32)
 
 
 class FrameScene:
@@ -110,24 +82,31 @@ class FrameScene:
         self.bvh_args, self._tree_defines = tree.args, tree.defines
         self.surfaces = Surfaces.upload(device, scene)
         rows, columns = scene.environment.pixels.shape[:2]
-        environment = device.upload("environment", scene.environment.pixels)
+        held = device.allocate(
+            self._views(scene, width, height),
+            {
+                "environment": scene.environment.pixels,
+                "lights": light_table(scene.lights_at(0)),
+                "camera": camera_table(camera, width, height),
+            },
+        )
         self.environment_args: tuple[Argument, ...] = (
-            reads("environment", environment),
+            reads("environment", held["environment"]),
             integer("environment_width", columns),
             integer("environment_height", rows),
         )
-        self._lights = device.upload("lights", light_table(scene.lights_at(0)))
+        self._lights = held["lights"]
         self.light_args: tuple[Argument, ...] = (
             reads("lights", self._lights),
             integer("light_count", len(scene.lights)),
         )
-        self._view = device.upload("camera", camera_table(camera, width, height))
+        self._view = held["camera"]
         self.size_args: tuple[Argument, ...] = (
             integer("width", width),
             integer("height", height),
         )
         self.camera_args: tuple[Argument, ...] = (reads("camera", self._view), *self.size_args)
-        self.image = device.empty("image", (height, width, 3), np.float32)
+        self.image = held["image"]
         self._transforms: Buffer | None = None
         self._moving: MovingGeometry | None = None
         if motion is not None:
@@ -168,17 +147,63 @@ class FrameScene:
         """A program that reads the scene, with the macros that such programs need."""
         return ProgramSpec(path, {**SCENE_MACROS, **self._tree_defines, **(defines or {})})
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes it takes on the device, in closed form."""
-        known = frame_scene_bytes(self.scene, self.width, self.height, self.bvh, self._motion)
-        at_rest = self._motion is None and self._transforms is not None
-        return known + (4 * TRANSFORM_FLOATS * self.objects if at_rest else 0)
+    @staticmethod
+    def buffers(
+        scene: Scene,
+        width: int,
+        height: int,
+        bvh: Bvh | None = None,
+        motion: MovingObjects | None = None,
+        transforms: bool = False,
+    ) -> list[BufferSpec]:
+        """The buffers it takes.
 
-    @property
-    def objects(self) -> int:
-        """Number of objects, moving or not."""
-        return len(np.unique(self.scene.object_ids))
+        Args:
+            scene: the scene.
+            width: of the image, pixels.
+            height: of the image, pixels.
+            bvh: its tree; without it they are a lower bound.
+            motion: what moves in it.
+            transforms: its objects' transforms are asked for, whether anything moves or not.
+        """
+        tree = DeviceBvh.least_buffers(len(scene.triangles))
+        found = [
+            *(tree if bvh is None else DeviceBvh.buffers(bvh)),
+            *Surfaces.buffers(scene),
+            *FrameScene._views(scene, width, height),
+        ]
+        if scene.cutouts is not None:
+            words = scene.cutouts.packed_bytes(len(scene.triangles)) // 4
+            found.append(BufferSpec.of("bvh_cutouts", words, np.uint32))
+        if transforms or motion is not None:
+            found.append(transforms_buffer(scene))
+        if motion is not None:
+            found += MovingGeometry.buffers(scene, motion, bvh)
+        return found
+
+    @staticmethod
+    def declared(known: Known, transforms: bool = False) -> list[BufferSpec]:
+        """The buffers of the job's scene and image."""
+        shot = known.job.shot
+        return FrameScene.buffers(
+            known.scene,
+            shot.width,
+            shot.height,
+            bvh=known.bvh,
+            motion=known.motion,
+            transforms=transforms,
+        )
+
+    @staticmethod
+    def _views(scene: Scene, width: int, height: int) -> list[BufferSpec]:
+        """What lights it, and how it is seen."""
+        of, f32 = BufferSpec.of, np.float32
+        return [
+            BufferSpec.like("environment", scene.environment.pixels),
+            of("lights", (len(scene.lights), LIGHT_FLOATS), f32),
+            of("camera", CAMERA_FLOATS, f32),
+            of("image", (height, width, 3), f32),
+        ]
 
     def object_transforms(self) -> Buffer:
         """Every object's transform from object space to the world in the frame last begun, 3 x 4
@@ -189,8 +214,9 @@ class FrameScene:
             CannotRun: it does not fit the device's profile.
         """
         if self._transforms is None:
-            at_rest = np.tile(np.eye(3, 4, dtype=np.float32), (self.objects, 1, 1))
-            self._transforms = self.device.upload("object_transforms", transform_table(at_rest))
+            spec = transforms_buffer(self.scene)
+            at_rest = np.tile(np.eye(3, 4, dtype=np.float32), (spec.shape[0], 1, 1))
+            self._transforms = self.device.create(spec, transform_table(at_rest))
         return self._transforms
 
     def passes(self) -> list[Pass]:

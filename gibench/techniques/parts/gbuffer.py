@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gibench.device import Argument, Buffer, Device, writes
+from gibench.device import Argument, Buffer, BufferSpec, Device, writes
 from gibench.techniques.parts.macros import GBUFFER_FLOATS, GBUFFER_HIT, tiled_pixels
 
 
@@ -51,14 +51,16 @@ class HitBuffer:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
-        nothing = np.full((tiled_pixels(width, height), GBUFFER_FLOATS), -1, np.int32)
-        buffer = device.upload("gbuffer_hits", nothing.view(np.float32))
+        spec = HitBuffer.spec(width, height)
+        nothing = np.full(spec.shape, -1, np.int32)
+        buffer = device.create(spec, nothing.view(np.float32))
         return HitBuffer(device, width * height, buffer)
 
     @staticmethod
-    def bytes_of(width: int, height: int) -> int:
-        """Bytes it takes, in closed form."""
-        return 4 * GBUFFER_FLOATS * tiled_pixels(width, height)
+    def spec(width: int, height: int) -> BufferSpec:
+        """The buffer of an image of this size."""
+        shape = (tiled_pixels(width, height), GBUFFER_FLOATS)
+        return BufferSpec.of("gbuffer_hits", shape, np.float32)
 
     @property
     def layout(self) -> int:

@@ -54,6 +54,7 @@ SLOTS = (Slot("BASE_COLOR_TEXTURE", lambda material: material.texture),)
 MATERIAL_FLOATS = sum(field.floats for field in FIELDS)
 SLOT_INTS = 3
 """First texel, width and height of a slot's image."""
+SRGB_CODES = 256
 
 
 def material_macros() -> dict[str, int]:
@@ -64,11 +65,6 @@ def material_macros() -> dict[str, int]:
         macros[f"MATERIAL_{field.name}"] = first
         first += field.floats
     return macros | {f"MATERIAL_{slot.name}": place for place, slot in enumerate(SLOTS)}
-
-
-def material_bytes(materials: int) -> int:
-    """Bytes of both tables for so many materials."""
-    return 4 * (MATERIAL_FLOATS + SLOT_INTS * len(SLOTS)) * materials
 
 
 def material_table(materials: Sequence[Material]) -> Floats:
@@ -96,8 +92,8 @@ def pack_textures(scene: Scene) -> tuple[Ints, npt.NDArray[np.uint8]]:
 
 
 def srgb_to_linear() -> Floats:
-    """What each of the 256 sRGB codes means (IEC 61966-2-1), (256,) float32."""
-    code = np.arange(256) / 255.0
+    """What each of the sRGB codes means (IEC 61966-2-1), (SRGB_CODES,) float32."""
+    code = np.arange(SRGB_CODES) / 255.0
     linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
     return linear.astype(np.float32)
 

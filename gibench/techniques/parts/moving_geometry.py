@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gibench.arrays import Floats
 from gibench.device import (
     Buffer,
+    BufferSpec,
     Device,
     Launch,
     ProgramSpec,
@@ -90,23 +91,54 @@ class MovingGeometry:
         """
         vertices, objects = motion.vertices(scene)
         plan = RefitPlan.of(tree.bvh, motion.triangles)
+        specs = MovingGeometry.buffers_of(
+            len(vertices), len(plan.triangle_slots), len(plan.node_slots)
+        )
+        data = {
+            "moving_vertices": vertices,
+            "moving_vertex_objects": objects,
+            "rest_positions": scene.positions[vertices],
+            "rest_normals": scene.normals[vertices],
+            "moving_triangle_slots": plan.triangle_slots,
+            "moving_node_slots": plan.node_slots,
+        }
+        held = device.allocate(specs, data)
         return MovingGeometry(
-            *(device, plan, tree, transforms, positions, normals, triangles),
-            device.upload("moving_vertices", vertices),
-            device.upload("moving_vertex_objects", objects),
-            device.upload("rest_positions", scene.positions[vertices]),
-            device.upload("rest_normals", scene.normals[vertices]),
-            device.upload("moving_triangle_slots", plan.triangle_slots),
-            device.upload("moving_node_slots", plan.node_slots),
+            device=device,
+            plan=plan,
+            tree=tree,
+            transforms=transforms,
+            positions=positions,
+            normals=normals,
+            triangles=triangles,
+            vertices=held["moving_vertices"],
+            vertex_objects=held["moving_vertex_objects"],
+            rest_positions=held["rest_positions"],
+            rest_normals=held["rest_normals"],
+            triangle_slots=held["moving_triangle_slots"],
+            node_slots=held["moving_node_slots"],
         )
 
     @staticmethod
-    def bytes_of(scene: Scene, motion: MovingObjects, bvh: Bvh | None) -> int:
-        """Bytes it takes, in closed form; without the tree a lower bound."""
+    def buffers(scene: Scene, motion: MovingObjects, bvh: Bvh | None) -> list[BufferSpec]:
+        """Its own buffers; without the tree a lower bound, of which no node is known to move."""
         vertices = len(motion.vertices(scene)[0])
         triangles = int(np.count_nonzero(motion.triangles))
         nodes = 0 if bvh is None else len(RefitPlan.of(bvh, motion.triangles).node_slots)
-        return 4 * (8 * vertices + triangles + nodes)
+        return MovingGeometry.buffers_of(vertices, triangles, nodes)
+
+    @staticmethod
+    def buffers_of(vertices: int, triangles: int, nodes: int) -> list[BufferSpec]:
+        """Its own buffers for so many that move."""
+        of = BufferSpec.of
+        return [
+            of("moving_vertices", vertices, np.int32),
+            of("moving_vertex_objects", vertices, np.int32),
+            of("rest_positions", (vertices, 3), np.float32),
+            of("rest_normals", (vertices, 3), np.float32),
+            of("moving_triangle_slots", triangles, np.int32),
+            of("moving_node_slots", nodes, np.int32),
+        ]
 
     def move(self, transforms: npt.NDArray[np.floating[Any]]) -> None:
         """Say where the objects are in the coming frame: transforms (objects, 3, 4)."""

@@ -12,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibench.arrays import Floats, Ints
-from gibench.device import Argument, Buffer, Launch, ProgramSpec, integer, reads, updates
+from gibench.device import (
+    Argument,
+    Buffer,
+    BufferSpec,
+    Launch,
+    ProgramSpec,
+    integer,
+    reads,
+    updates,
+)
 from gibench.scene.lightmap import Lightmap
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.technique import Pass, Work
@@ -42,18 +51,14 @@ class ReceiverSignal:
         """
         data = np.zeros((receivers.texels, components, 4), np.float32)
         data[receivers.lightmap.receivers.texel, :, 3] = 1.0
-        buffer = receivers.device.upload(name, data.reshape(-1, 4))
+        spec = ReceiverSignal.spec(name, receivers.texels, components)
+        buffer = receivers.device.create(spec, data.reshape(-1, 4))
         return ReceiverSignal(receivers, components, buffer)
 
     @staticmethod
-    def bytes_of(texels: int, components: int = 1) -> int:
-        """Bytes of one over ``texels`` texels, in closed form."""
-        return 16 * texels * components
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes it takes on the device, in closed form."""
-        return self.bytes_of(self.receivers.texels, self.components)
+    def spec(name: str, texels: int, components: int = 1) -> BufferSpec:
+        """The map of one over ``texels`` texels."""
+        return FrameLightmap.map_buffer(name, texels * components)
 
     @property
     def macros(self) -> dict[str, int]:

@@ -10,6 +10,7 @@ import numpy as np
 from gibench.device import (
     Argument,
     Buffer,
+    BufferSpec,
     Device,
     Launch,
     ProgramSpec,
@@ -50,22 +51,34 @@ class WaveScan:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
-        wave = wave_of(device, workgroup_size)
+        wave = wave_of(device.profile.simd_width, workgroup_size)
         counts = wave_levels(length, wave)
-        totals = tuple(
-            device.empty(f"{name}_totals_{level}", -(-n // wave), np.uint32)
-            for level, n in enumerate(counts)
+        known = {
+            f"{name}_length_{level}": np.array([n], np.uint32) for level, n in enumerate(counts)
+        }
+        held = device.allocate(WaveScan.buffers(name, length, wave), known)
+        levels = range(len(counts))
+        return WaveScan(
+            device=device,
+            wave=wave,
+            workgroup_size=workgroup_size,
+            counts=counts,
+            totals=tuple(held[f"{name}_totals_{level}"] for level in levels),
+            lengths=tuple(held[f"{name}_length_{level}"] for level in levels),
         )
-        lengths = tuple(
-            device.upload(f"{name}_length_{level}", np.array([n], np.uint32))
-            for level, n in enumerate(counts)
-        )
-        return WaveScan(device, wave, workgroup_size, counts, totals, lengths)
 
     @staticmethod
-    def bytes_of(length: int, wave: int) -> int:
-        """Bytes of the scratch."""
-        return sum(4 * (-(-n // wave) + 1) for n in wave_levels(length, wave))
+    def buffers(name: str, length: int, wave: int) -> list[BufferSpec]:
+        """The scratch for ``length`` values.
+
+        Raises:
+            CannotRun: a wave is a single work-item.
+        """
+        counts, of = list(enumerate(wave_levels(length, wave))), BufferSpec.of
+        return [
+            *(of(f"{name}_totals_{level}", -(-n // wave), np.uint32) for level, n in counts),
+            *(of(f"{name}_length_{level}", 1, np.uint32) for level, _ in counts),
+        ]
 
     def launches(self, values: Buffer, prefix: Buffer) -> list[Launch]:
         """Scan ``values`` (n,) uint32 into ``prefix`` (n,) uint32."""
@@ -101,12 +114,12 @@ class WaveScan:
         return result
 
 
-def wave_of(device: Device, workgroup_size: int) -> int:
+def wave_of(simd_width: int, workgroup_size: int) -> int:
     """Work-items that are scanned at once: the profile's SIMD width where that divides the
     work-group, else the whole work-group.
     """
-    simd = device.profile.simd_width
-    return simd if simd > 1 and workgroup_size % simd == 0 else workgroup_size
+    whole = simd_width > 1 and workgroup_size % simd_width == 0
+    return simd_width if whole else workgroup_size
 
 
 def wave_levels(length: int, wave: int) -> tuple[int, ...]:
@@ -143,10 +156,14 @@ class BlockScan:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
+        spec = BlockScan.buffer(name, capacity, workgroup_size)
+        return BlockScan(device, workgroup_size, device.create(spec))
+
+    @staticmethod
+    def buffer(name: str, capacity: int, workgroup_size: int) -> BufferSpec:
+        """The scratch for up to ``capacity`` values."""
         blocks = BlockScan.blocks(capacity, workgroup_size)
-        return BlockScan(
-            device, workgroup_size, device.empty(f"{name}_sums", max(blocks, 1), np.uint32)
-        )
+        return BufferSpec.of(f"{name}_sums", max(blocks, 1), np.uint32)
 
     @staticmethod
     def blocks(length: int, workgroup_size: int) -> int:

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
-from gibench.device import Argument, Buffer, Device, reads
+import numpy as np
+import numpy.typing as npt
+
+from gibench.device import Argument, Buffer, BufferSpec, Device, reads
 from gibench.scene.model import Scene
 from gibench.techniques.parts.material_table import (
-    material_bytes,
+    MATERIAL_FLOATS,
+    SLOT_INTS,
+    SLOTS,
+    SRGB_CODES,
     material_table,
     pack_textures,
     srgb_to_linear,
@@ -48,24 +55,35 @@ class Surfaces:
             CannotRun: they do not fit the device's profile.
         """
         textures, texels = pack_textures(scene)
-        return Surfaces(
-            positions=device.upload("positions", scene.positions),
-            normals=device.upload("normals", scene.normals),
-            uvs=device.upload("uvs", scene.uvs),
-            triangles=device.upload("triangles", scene.triangles),
-            material_ids=device.upload("material_ids", scene.material_ids),
-            materials=device.upload("materials", material_table(scene.materials)),
-            material_textures=device.upload("material_textures", textures),
-            texels=device.upload("texels", texels),
-            srgb_to_linear=device.upload("srgb_to_linear", srgb_to_linear()),
-        )
+        data: dict[str, npt.NDArray[Any]] = {
+            "positions": scene.positions,
+            "normals": scene.normals,
+            "uvs": scene.uvs,
+            "triangles": scene.triangles,
+            "material_ids": scene.material_ids,
+            "materials": material_table(scene.materials),
+            "material_textures": textures,
+            "texels": texels,
+            "srgb_to_linear": srgb_to_linear(),
+        }
+        return Surfaces(**device.allocate(Surfaces.buffers(scene), data))
 
     @staticmethod
-    def bytes_of(scene: Scene) -> int:
-        """Bytes they take, in closed form."""
+    def buffers(scene: Scene) -> list[BufferSpec]:
+        """The buffers of the surfaces of ``scene``, named as the attributes are."""
+        like, of, materials = BufferSpec.like, BufferSpec.of, len(scene.materials)
         texels = sum(t.pixels.shape[0] * t.pixels.shape[1] for t in scene.textures)
-        geometry = 4 * (8 * len(scene.positions) + 4 * len(scene.triangles))
-        return int(geometry + material_bytes(len(scene.materials)) + 4 * texels + 4 * 256)
+        return [
+            like("positions", scene.positions),
+            like("normals", scene.normals),
+            like("uvs", scene.uvs),
+            like("triangles", scene.triangles),
+            like("material_ids", scene.material_ids),
+            of("materials", (materials, MATERIAL_FLOATS), np.float32),
+            of("material_textures", (materials, len(SLOTS), SLOT_INTS), np.int32),
+            of("texels", (texels, 4), np.uint8),
+            of("srgb_to_linear", SRGB_CODES, np.float32),
+        ]
 
     @property
     def shape_args(self) -> tuple[Argument, ...]:

@@ -11,10 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Floats
-from gibench.device import Buffer, Device, Launch, ProgramSpec, reads, updates, writes
+from gibench.device import BufferSpec, Device, Launch, ProgramSpec, reads, updates, writes
 from gibench.techniques.parts.scan import BlockScan, WaveScan, wave_of
 from gibench.techniques.parts.surfels import SurfelGeometry
 
+SCAN = "grid_scan"
+"""Its scratch begins with this in the ledger."""
+
+TABLE_FLOATS = 8  # kernels_cl/parts/surfel_grid.cl
 PACKED_ROWS = 11  # kernels_cl/parts/surfel_grid.cl
 PACKED_PADDING = 16  # kernels_cl/parts/surfel_grid.cl, PACKED_STRIDE
 NEIGHBOURS = 27  # cells a surfel goes into as published (Ekberg 2022, section 4.2.1)
@@ -155,22 +159,23 @@ class SurfelGrid:
         self.device, self.grid, self.surfels = device, grid, surfels
         self.published, self.entries = published, entries
         cells = grid.cells
-        self.table = device.upload("grid_table", grid.table((0.0, 0.0, 0.0)))
+        data: dict[str, npt.NDArray[Any]] = {"grid_table": grid.table((0.0, 0.0, 0.0))}
+        if not published:
+            data["grid_cells"] = np.array([cells], np.uint32)
+        held = device.allocate(self.lists(grid, published, entries), data)
+        self.table = held["grid_table"]
         # Tuned, they count back to zero every frame and are never cleared.
         # As published they become the lists' ends (kernels_cl/gibs/gather.cl).
-        self.counts = device.upload("grid_counts", np.zeros(cells, np.uint32))
-        self.starts = device.empty("grid_starts", cells + 1, np.uint32)
-        self.ids = device.empty("grid_ids", max(entries, 1), np.uint32)
-        self.packed: Buffer | None = None
+        self.counts = held["grid_counts"]
+        self.starts = held["grid_starts"]
+        self.ids = held["grid_ids"]
+        self.packed = held.get("grid_packed")
         self._scan: WaveScan | BlockScan
         if published:
-            self._scan = WaveScan.create(device, "grid_scan", cells, workgroup_size)
+            self._scan = WaveScan.create(device, SCAN, cells, workgroup_size)
         else:
-            self._length = device.upload("grid_cells", np.array([cells], np.uint32))
-            self._scan = BlockScan.create(device, "grid_scan", cells, workgroup_size)
-            self.packed = device.empty(
-                "grid_packed", (PACKED_ROWS, entries + PACKED_PADDING), np.float32
-            )
+            self._length = held["grid_cells"]
+            self._scan = BlockScan.create(device, SCAN, cells, workgroup_size)
         self.defines: Mapping[str, Any] = {
             **grid.defines,
             "CAPACITY": surfels.capacity,
@@ -181,16 +186,41 @@ class SurfelGrid:
         }
 
     @staticmethod
-    def bytes_of(
-        device: Device, grid: Grid, published: bool, entries: int, workgroup_size: int
-    ) -> int:
-        """Bytes it takes, in closed form."""
-        lists = 4 * (8 + grid.cells + grid.cells + 1 + max(entries, 1))
+    def lists(grid: Grid, published: bool, entries: int) -> list[BufferSpec]:
+        """The buffers of the grid and its lists, without the scan's."""
+        of = BufferSpec.of
+        common = [
+            of("grid_table", TABLE_FLOATS, np.float32),
+            of("grid_counts", grid.cells, np.uint32),
+            of("grid_starts", grid.cells + 1, np.uint32),
+            of("grid_ids", max(entries, 1), np.uint32),
+        ]
         if published:
-            wave = wave_of(device, workgroup_size)
-            return lists + WaveScan.bytes_of(grid.cells, wave)
-        blocks = BlockScan.blocks(grid.cells, workgroup_size)
-        return lists + 4 * (1 + max(blocks, 1)) + 4 * PACKED_ROWS * (entries + PACKED_PADDING)
+            return common
+        packed = (PACKED_ROWS, entries + PACKED_PADDING)
+        return [*common, of("grid_cells", 1, np.uint32), of("grid_packed", packed, np.float32)]
+
+    @staticmethod
+    def buffers(
+        grid: Grid, published: bool, entries: int, simd_width: int, workgroup_size: int
+    ) -> list[BufferSpec]:
+        """All its buffers.
+
+        Args:
+            grid: its shape.
+            published: as the class has it.
+            entries: room in all lists together.
+            simd_width: of the profile.
+            workgroup_size: work-items per group.
+
+        Raises:
+            CannotRun: the published scan cannot work with such groups.
+        """
+        own = SurfelGrid.lists(grid, published, entries)
+        if published:
+            wave = wave_of(simd_width, workgroup_size)
+            return [*own, *WaveScan.buffers(SCAN, grid.cells, wave)]
+        return [*own, BlockScan.buffer(SCAN, grid.cells, workgroup_size)]
 
     def transform_and_count(self, alive: Callable[[], int]) -> list[Launch]:
         """Surfels to world space, and counted into their cells."""

@@ -5,13 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gibench.bake.stage import Stage
+from gibench.device import BufferSpec
 from gibench.scene.model import Scene
-from gibench.techniques.parts.frame_lightmap import FrameLightmap
-from gibench.techniques.parts.frame_scene import frame_scene_bytes
+from gibench.techniques.job import Known
+from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
+from gibench.techniques.srp.common import FRAME_STATE, TransportSizes
+from gibench.techniques.srp.pack import TunedSizes
+from gibench.techniques.srp.published import Published
 from gibench.techniques.srp.settings import SrpSettings
 from gibench.techniques.srp.technique import Srp
+from gibench.techniques.srp.tuned import Tuned
 
 __all__ = ["SPEC", "Srp", "SrpSettings"]
 
@@ -29,22 +37,41 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     return srp_stages(given, settings.sh_order)
 
 
-def _memory_floor(
-    scene: Scene, receivers: int, settings: SrpSettings, width: int, height: int
-) -> int:
-    """Scene, receivers, two lightmaps of at least the receivers' texels, probes and their basis.
-
-    What the transport takes is only known once it is baked.
-    """
-    probes = settings.probes or scene.probes.count
-    coefficients = sh_count(settings.sh_order)
-    return (
-        frame_scene_bytes(scene, width, height)
-        + FrameLightmap.bytes_of(len(scene.triangles), receivers)
-        + 2 * FrameLightmap.map_bytes(receivers)
-        + 12 * probes * coefficients
-        + 4 * settings.relight_samples * coefficients
-    )
+def _buffers(known: Known) -> list[BufferSpec]:
+    """Scene, receivers, maps, probes and transport, of which only the bake tells how much it is."""
+    job, scene, lightmap = known.job, known.scene, known.lightmap
+    settings: SrpSettings = job.settings
+    if lightmap is None:
+        sizes = TransportSizes.least(
+            probes=settings.probes or scene.probes.count,
+            coefficients=sh_count(settings.sh_order),
+            samples=settings.relight_samples,
+            receivers=known.receivers,
+        )
+        packed, texels, border = TunedSizes(), known.receivers, 0
+    else:
+        sizes = TransportSizes.of(known.baked)
+        packed = TunedSizes.of(known.baked, known.vector_width)
+        texels, border = lightmap.width * lightmap.height, len(border_texels(lightmap))
+    if job.variant == TUNED:
+        own = Tuned.buffers(
+            sizes,
+            packed,
+            settings.storage,
+            texels=texels,
+            border=border,
+            device_width=known.vector_width,
+        )
+    else:
+        own = Published.buffers(sizes, settings.storage, texels)
+    return [
+        *FrameScene.declared(known),
+        *FrameLightmap.buffers(len(scene.triangles), known.receivers),
+        ReceiverSignal.spec("indirect", texels),
+        FRAME_STATE,
+        *own,
+        HitBuffer.spec(job.shot.width, job.shot.height),
+    ]
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
@@ -59,7 +86,7 @@ SPEC = TechniqueSpec(
     settings_type=SrpSettings,
     stages=_stages,
     create=Srp,
-    memory_floor=_memory_floor,
+    buffers=_buffers,
     sweep=_sweep,
     counts={"probes": "probes"},
 )

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Buffer, Device
+from gibench.device import Buffer, BufferSpec, Device
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
@@ -19,7 +19,7 @@ from gibench.techniques.technique import Pass, Work
 
 @dataclass(frozen=True)
 class TransportSizes:
-    """How large baked data is; all closed-form memory counts and works come from these.
+    """How large baked data is; buffers and works come from these.
 
     Attributes:
         probes: number of probes.
@@ -68,6 +68,24 @@ class TransportSizes:
             reconstruction=sum(c.reconstruction.size for c in lit),
         )
 
+    @staticmethod
+    def least(probes: int, coefficients: int, samples: int, receivers: int) -> TransportSizes:
+        """What is known of them before the bake: its own are 0."""
+        return TransportSizes(
+            probes=probes,
+            coefficients=coefficients,
+            samples=samples,
+            hits=0,
+            misses=0,
+            clusters=0,
+            receivers=receivers,
+            lit_receivers=0,
+            rows=0,
+            columns=0,
+            projection=0,
+            reconstruction=0,
+        )
+
     def probe_update_work(self, fraction: float) -> Work:
         """The least ``probe_update`` does when it updates this share of the probes."""
         rays = (self.hits + self.misses) * fraction
@@ -101,6 +119,10 @@ class TransportSizes:
         )
 
 
+FRAME_STATE = BufferSpec.of("frame_state", 2, np.int32)
+"""The first probe that is updated in a frame, and the step to the next."""
+
+
 class ProbeTurns:
     """Which probes are updated in a frame: every 1st, 2nd or 4th, in turn.
 
@@ -114,7 +136,7 @@ class ProbeTurns:
         self.device, self.probes = device, probes
         self.step = round(1 / fraction)
         self.first = 0
-        self.state = device.empty("frame_state", 2, np.int32)
+        self.state = device.create(FRAME_STATE)
         self.begin_frame(0)
 
     def begin_frame(self, frame: int) -> None:

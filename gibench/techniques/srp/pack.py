@@ -179,6 +179,46 @@ class TunedTransport:
     reconstruction: Stored = field(repr=False)
 
 
+@dataclass(frozen=True)
+class TunedSizes:
+    """How large :class:`TunedTransport` is; as long as nothing is baked, all are 0.
+
+    Attributes:
+        row_blocks: blocks of rows.
+        probes: probes of all clusters that are not dark.
+        projection: values with their padding.
+        receiver_blocks: blocks of receivers.
+        reconstruction: values with their padding.
+    """
+
+    row_blocks: int = 0
+    probes: int = 0
+    projection: int = 0
+    receiver_blocks: int = 0
+    reconstruction: int = 0
+
+    @staticmethod
+    def of(bake: SrpBake, device_width: int) -> TunedSizes:
+        """The sizes of what :func:`pack_tuned` makes of ``bake``."""
+        values = padded(bake.coefficients, projection_width(bake.coefficients, device_width))
+        lit = [
+            (
+                len(cluster.projection),
+                len(cluster.probes),
+                padded(len(cluster.receivers), device_width),
+            )
+            for cluster in bake.clusters
+            if len(cluster.projection)
+        ]
+        return TunedSizes(
+            row_blocks=sum(-(-rows // ROW_BLOCK) for rows, _, _ in lit),
+            probes=sum(probes for _, probes, _ in lit),
+            projection=sum(rows * probes * values for rows, probes, _ in lit),
+            receiver_blocks=sum(slots // device_width for _, _, slots in lit),
+            reconstruction=sum(rows * slots for rows, _, slots in lit),
+        )
+
+
 def pack_tuned(bake: SrpBake, texel: Ints, storage: str, device_width: int) -> TunedTransport:
     """Lay the transport out in vectors.
 

@@ -7,22 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Launch, ProgramSpec, integer, local, reads, updates, writes
+from gibench.device import BufferSpec, Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
+from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import pack_published, pack_samples
-from gibench.techniques.srp.storage import storage_bytes, storage_macro
+from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
-
-
-def published_bytes(sizes: TransportSizes, storage: str, texels: int) -> int:
-    """Bytes of device memory that :class:`Published` takes."""
-    s, width = sizes, storage_bytes(storage)
-    lists = 8 * (s.probes + 1) + 8 * s.hits + 4 * s.misses
-    relight = 12 * s.samples + 4 * s.samples * s.coefficients
-    tables = 20 * s.clusters + 8 * s.rows + 4 * s.columns + 12 * s.receivers
-    results = 12 * s.probes * s.coefficients + 12 * s.rows + 16 * texels
-    return lists + relight + tables + results + width * (s.projection + s.reconstruction)
 
 
 class Published:
@@ -37,30 +28,63 @@ class Published:
 
     def __init__(self, given: SrpInput) -> None:
         self.given = given
-        device, bake, sizes = given.scene.device, given.bake, given.sizes
-        self.radiance = given.receivers.new_map("radiance")
+        bake, texels = given.bake, given.receivers.texels
         lists = pack_samples(bake.relight)
-        self._lists = (
-            reads("hit_start", device.upload("hit_start", lists.hit_start)),
-            reads("hit_sample", device.upload("hit_sample", lists.hit_sample)),
-            reads("hit_texel", device.upload("hit_texel", lists.hit_texel)),
-            reads("miss_start", device.upload("miss_start", lists.miss_start)),
-            reads("miss_sample", device.upload("miss_sample", lists.miss_sample)),
-            reads("directions", device.upload("relight_directions", bake.relight.directions)),
-            reads("basis", device.upload("relight_basis", bake.relight.basis)),
-        )
         packed = pack_published(bake, given.indirect.entries, given.storage)
-        self._clusters = device.upload("clusters", packed.clusters)
-        self._row_cluster = device.upload("row_cluster", packed.row_cluster)
-        self._columns = device.upload("columns", packed.columns)
-        self._projection = device.upload("projection", packed.projection)
-        self._scale = device.upload("scale", packed.scale)
-        self._receiver_cluster = device.upload("receiver_cluster", packed.receiver_cluster)
-        self._first_value = device.upload("first_value", packed.first_value)
-        self._texel = device.upload("transport_texel", packed.texel)
-        self._reconstruction = device.upload("reconstruction", packed.reconstruction)
-        self._lambda = device.empty("lambda", (sizes.probes, sizes.coefficients, 3), np.float32)
-        self._basis = device.empty("light_basis", (sizes.rows, 3), np.float32)
+        data = {
+            "radiance": given.receivers.black(),
+            "hit_start": lists.hit_start,
+            "hit_sample": lists.hit_sample,
+            "hit_texel": lists.hit_texel,
+            "miss_start": lists.miss_start,
+            "miss_sample": lists.miss_sample,
+            "relight_directions": bake.relight.directions,
+            "relight_basis": bake.relight.basis,
+            "clusters": packed.clusters,
+            "row_cluster": packed.row_cluster,
+            "columns": packed.columns,
+            "projection": packed.projection,
+            "scale": packed.scale,
+            "receiver_cluster": packed.receiver_cluster,
+            "first_value": packed.first_value,
+            "transport_texel": packed.texel,
+            "reconstruction": packed.reconstruction,
+        }
+        self._held = given.scene.device.allocate(
+            Published.buffers(given.sizes, given.storage, texels), data
+        )
+        self.radiance = self._held["radiance"]
+        self._lambda, self._basis = self._held["lambda"], self._held["light_basis"]
+
+    @staticmethod
+    def buffers(sizes: TransportSizes, storage: str, texels: int) -> list[BufferSpec]:
+        """The buffers of transport of these sizes over a map of so many texels."""
+        s, stored, of = sizes, storage_dtype(storage), BufferSpec.of
+
+        def ints(name: str, *shape: int) -> BufferSpec:
+            return of(name, shape, np.int32)
+
+        return [
+            FrameLightmap.map_buffer("radiance", texels),
+            ints("hit_start", s.probes + 1),
+            ints("hit_sample", s.hits),
+            ints("hit_texel", s.hits),
+            ints("miss_start", s.probes + 1),
+            ints("miss_sample", s.misses),
+            of("relight_directions", (s.samples, 3), np.float32),
+            of("relight_basis", (s.samples, s.coefficients), np.float32),
+            ints("clusters", s.clusters, 5),
+            ints("row_cluster", s.rows),
+            ints("columns", s.columns),
+            of("projection", s.projection, stored),
+            of("scale", s.rows, np.float32),
+            ints("receiver_cluster", s.receivers),
+            ints("first_value", s.receivers),
+            ints("transport_texel", s.receivers),
+            of("reconstruction", s.reconstruction, stored),
+            of("lambda", (s.probes, s.coefficients, 3), np.float32),
+            of("light_basis", (s.rows, 3), np.float32),
+        ]
 
     def passes(self) -> list[Pass]:
         """Probe update, cluster projection, irradiance transport."""
@@ -80,7 +104,7 @@ class Published:
         return self.given.scene.device.read(self._lambda)
 
     def _probe_update(self) -> Sequence[Launch]:
-        device, given = self.given.scene.device, self.given
+        device, given, held = self.given.scene.device, self.given, self._held
         per_coefficient = 12 * given.workgroup_size
         chunk = min(given.sizes.coefficients, device.profile.local_memory_bytes // per_coefficient)
         if chunk == 0:
@@ -92,7 +116,13 @@ class Published:
         program = ProgramSpec("srp/published_probes.cl", {"CHUNK": chunk})
         args = (
             reads("frame_state", given.turns.state),
-            *self._lists,
+            reads("hit_start", held["hit_start"]),
+            reads("hit_sample", held["hit_sample"]),
+            reads("hit_texel", held["hit_texel"]),
+            reads("miss_start", held["miss_start"]),
+            reads("miss_sample", held["miss_sample"]),
+            reads("directions", held["relight_directions"]),
+            reads("basis", held["relight_basis"]),
             integer("coefficients", given.sizes.coefficients),
             reads("radiance", self.radiance),
             *given.scene.environment_args,
@@ -102,13 +132,13 @@ class Published:
         return [Launch(program, "probe_update", args, groups=given.turns.count)]
 
     def _projected(self) -> Sequence[Launch]:
-        rows = self.given.sizes.rows
+        rows, held = self.given.sizes.rows, self._held
         args = (
-            reads("clusters", self._clusters),
-            reads("row_cluster", self._row_cluster),
-            reads("columns", self._columns),
-            reads("projection", self._projection),
-            reads("scale", self._scale),
+            reads("clusters", held["clusters"]),
+            reads("row_cluster", held["row_cluster"]),
+            reads("columns", held["columns"]),
+            reads("projection", held["projection"]),
+            reads("scale", held["scale"]),
             reads("lambda", self._lambda),
             integer("rows", rows),
             writes("basis", self._basis),
@@ -116,13 +146,13 @@ class Published:
         return [Launch(self._program(), "cluster_projection", args, items=rows)]
 
     def _transported(self) -> Sequence[Launch]:
-        receivers = self.given.sizes.receivers
+        receivers, held = self.given.sizes.receivers, self._held
         args = (
-            reads("clusters", self._clusters),
-            reads("receiver_cluster", self._receiver_cluster),
-            reads("reconstruction", self._reconstruction),
-            reads("first_value", self._first_value),
-            reads("texel", self._texel),
+            reads("clusters", held["clusters"]),
+            reads("receiver_cluster", held["receiver_cluster"]),
+            reads("reconstruction", held["reconstruction"]),
+            reads("first_value", held["first_value"]),
+            reads("texel", held["transport_texel"]),
             reads("basis", self._basis),
             integer("receivers", receivers),
             updates("indirect", self.given.indirect.map),

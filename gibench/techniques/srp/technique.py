@@ -18,9 +18,9 @@ from gibench.techniques.registry import TUNED
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
 from gibench.techniques.srp.probe_view import probe_view
-from gibench.techniques.srp.published import Published, published_bytes
+from gibench.techniques.srp.published import Published
 from gibench.techniques.srp.settings import SrpSettings
-from gibench.techniques.srp.tuned import Tuned, tuned_bytes
+from gibench.techniques.srp.tuned import Tuned
 from gibench.techniques.technique import FloatArray, Pass
 
 
@@ -67,18 +67,6 @@ class Srp:
             self.indirect,
             packets=tuned and suits_packets(device),
         )
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of device memory it takes, in closed form."""
-        storage, lightmap = self._settings.storage, self._world.lightmap
-        if self._job.variant == TUNED:
-            own = tuned_bytes(self._bake, lightmap, storage, self.device.vector_width)
-        else:
-            own = published_bytes(self.sizes, storage, self.receivers.texels)
-        shared = self.scene.nbytes + self.receivers.nbytes + self.indirect.nbytes
-        hits = HitBuffer.bytes_of(self.scene.width, self.scene.height)
-        return shared + hits + self.turns.state.nbytes + own
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""

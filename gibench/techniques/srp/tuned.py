@@ -7,21 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Launch, ProgramSpec, integer, local, reads, updates, writes
+from gibench.device import BufferSpec, Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
-from gibench.scene.lightmap import Lightmap
-from gibench.techniques.parts.frame_lightmap import border_texels
-from gibench.techniques.srp.bake.data import SrpBake
-from gibench.techniques.srp.common import SrpInput
+from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
+from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import (
-    ROW_BLOCK,
+    TunedSizes,
     pack_tuned,
     padded,
     padded_basis,
     projection_width,
     sample_sources,
 )
-from gibench.techniques.srp.storage import storage_bytes, storage_macro
+from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
 
 # Vectors of coefficients one work-item of the probe update sums at most: three channels of four
@@ -32,25 +30,6 @@ _PROBE_VECTORS = 4
 # out whole groups: 6000 blocks in groups of 256 leave one of two cores idle half the time (2.7 ms
 # against 1.9 ms in groups of 32, measured on Sponza's sizes).
 _BLOCKS_PER_GROUP = 32
-
-
-def tuned_bytes(bake: SrpBake, lightmap: Lightmap, storage: str, device_width: int) -> int:
-    """Bytes of device memory that :class:`Tuned` takes."""
-    c, width = bake.coefficients, storage_bytes(storage)
-    stride, samples = padded(c, device_width), bake.relight.texel.shape[1]
-    probe_values = padded(c, projection_width(c, device_width))
-    total: int = 4 * len(border_texels(lightmap))
-    total += 16 * (lightmap.width * lightmap.height + samples + 1)
-    total += 4 * samples * stride + 4 * bake.relight.texel.size
-    total += 12 * len(bake.probes) * stride
-    for cluster in bake.clusters:
-        rows, probes = len(cluster.projection), len(cluster.probes)
-        if rows:
-            slots = padded(len(cluster.receivers), device_width)
-            total += 20 * -(-rows // ROW_BLOCK) + 4 * probes + 4 * rows + 12 * rows
-            total += 12 * (slots // device_width) + 4 * slots
-            total += width * rows * (probes * probe_values + slots)
-    return total
 
 
 class Tuned:
@@ -70,32 +49,77 @@ class Tuned:
         self._projection_width = projection_width(bake.coefficients, self._width)
         self._stride = padded(bake.coefficients, self._width)
         self._share = _BLOCKS_PER_GROUP if self._width > 1 else given.workgroup_size
-        samples = given.sizes.samples
-        self.radiance = given.receivers.new_map("radiance", extra=samples + 1)
+        samples, texels = given.sizes.samples, given.receivers.texels
         # The environment does not change from frame to frame: its radiance in the relight
         # directions, which all probes share, is put behind the texels once.
-        texels = given.receivers.texels
-        everything = device.read(self.radiance)
-        everything[texels : texels + samples, :3] = given.scene.scene.environment.radiance(
+        radiance = given.receivers.black(extra=samples + 1)
+        radiance[texels : texels + samples, :3] = given.scene.scene.environment.radiance(
             bake.relight.directions
         )
-        device.write(self.radiance, everything)
-        self._source = device.upload("relight_source", sample_sources(bake.relight, texels))
-        self._relight_basis = device.upload(
-            "relight_basis", padded_basis(bake.relight, self._width)
-        )
         packed = pack_tuned(bake, given.indirect.entries, given.storage, self._width)
-        self._row_blocks = device.upload("row_blocks", packed.row_blocks)
-        self._probes = device.upload("cluster_probes", packed.probes)
-        self._projection = device.upload("projection", packed.projection)
-        self._scale = device.upload("scale", packed.scale)
-        self._receiver_blocks = device.upload("receiver_blocks", packed.receiver_blocks)
-        self._texel = device.upload("transport_texel", packed.texel)
-        self._reconstruction = device.upload("reconstruction", packed.reconstruction)
-        self._border = device.upload("border_texels", border_texels(lightmap))
-        shape = (given.sizes.probes, 3, self._stride)
-        self._lambda = device.empty("lambda", shape, np.float32)
-        self._basis = device.empty("light_basis", (given.sizes.rows, 3), np.float32)
+        border = border_texels(lightmap)
+        data = {
+            "radiance": radiance,
+            "relight_source": sample_sources(bake.relight, texels),
+            "relight_basis": padded_basis(bake.relight, self._width),
+            "row_blocks": packed.row_blocks,
+            "cluster_probes": packed.probes,
+            "projection": packed.projection,
+            "scale": packed.scale,
+            "receiver_blocks": packed.receiver_blocks,
+            "transport_texel": packed.texel,
+            "reconstruction": packed.reconstruction,
+            "border_texels": border,
+        }
+        specs = Tuned.buffers(
+            given.sizes,
+            TunedSizes.of(bake, self._width),
+            given.storage,
+            texels=texels,
+            border=len(border),
+            device_width=self._width,
+        )
+        self._held = device.allocate(specs, data)
+        self.radiance = self._held["radiance"]
+        self._lambda, self._basis = self._held["lambda"], self._held["light_basis"]
+
+    @staticmethod
+    def buffers(
+        sizes: TransportSizes,
+        packed: TunedSizes,
+        storage: str,
+        *,
+        texels: int,
+        border: int,
+        device_width: int,
+    ) -> list[BufferSpec]:
+        """The buffers of transport of these sizes.
+
+        Args:
+            sizes: of what is baked.
+            packed: of its layout.
+            storage: ``fp32``, ``fp16`` or ``snorm16``.
+            texels: of a map.
+            border: texels to dilate.
+            device_width: floats per vector of the executing device.
+        """
+        s, stored, of = sizes, storage_dtype(storage), BufferSpec.of
+        stride = padded(s.coefficients, device_width)
+        return [
+            FrameLightmap.map_buffer("radiance", texels + s.samples + 1),
+            of("relight_source", (s.probes, s.samples), np.int32),
+            of("relight_basis", (s.samples, stride), np.float32),
+            of("row_blocks", (packed.row_blocks, 5), np.int32),
+            of("cluster_probes", packed.probes, np.int32),
+            of("projection", packed.projection, stored),
+            of("scale", s.rows, np.float32),
+            of("receiver_blocks", (packed.receiver_blocks, 3), np.int32),
+            of("transport_texel", packed.receiver_blocks * device_width, np.int32),
+            of("reconstruction", packed.reconstruction, stored),
+            of("border_texels", border, np.int32),
+            of("lambda", (s.probes, 3, stride), np.float32),
+            of("light_basis", (s.rows, 3), np.float32),
+        ]
 
     def passes(self) -> list[Pass]:
         """Probe update, cluster projection, irradiance transport."""
@@ -108,7 +132,7 @@ class Tuned:
 
     def dilate(self) -> Pass:
         """Dilation of the texels that need it."""
-        return self.given.indirect.dilate(self._border)
+        return self.given.indirect.dilate(self._held["border_texels"])
 
     def probe_radiance(self) -> Floats:
         """The probes' SH coefficients, (p, c, 3) W/m2/sr."""
@@ -132,8 +156,8 @@ class Tuned:
         program = ProgramSpec("srp/tuned_probes.cl", defines)
         args = (
             reads("frame_state", self.given.turns.state),
-            reads("source", self._source),
-            reads("basis", self._relight_basis),
+            reads("source", self._held["relight_source"]),
+            reads("basis", self._held["relight_basis"]),
             reads("radiance", self.radiance),
             updates("lambda", self._lambda),
             local("gathered", 12 * chunk),
@@ -150,13 +174,13 @@ class Tuned:
             "SHARE": self._share,
         }
         program = ProgramSpec("srp/tuned_projection.cl", defines)
-        count = self._row_blocks.shape[0]
+        count = self._held["row_blocks"].shape[0]
         args = (
-            reads("blocks", self._row_blocks),
+            reads("blocks", self._held["row_blocks"]),
             integer("count", count),
-            reads("probes", self._probes),
-            reads("projection", self._projection),
-            reads("scale", self._scale),
+            reads("probes", self._held["cluster_probes"]),
+            reads("projection", self._held["projection"]),
+            reads("scale", self._held["scale"]),
             reads("lambda", self._lambda),
             writes("basis", self._basis),
         )
@@ -168,12 +192,12 @@ class Tuned:
             "VEC": self._width,
         }
         program = ProgramSpec("srp/tuned_transport.cl", defines)
-        count = self._receiver_blocks.shape[0]
+        count = self._held["receiver_blocks"].shape[0]
         args = (
-            reads("blocks", self._receiver_blocks),
+            reads("blocks", self._held["receiver_blocks"]),
             integer("count", count),
-            reads("reconstruction", self._reconstruction),
-            reads("texel", self._texel),
+            reads("reconstruction", self._held["reconstruction"]),
+            reads("texel", self._held["transport_texel"]),
             reads("basis", self._basis),
             updates("indirect", self.given.indirect.map),
         )

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from support.gibs_scenes import Frames, furnished, gibs
+from support.made import check_memory
 
 from gibench.errors import BadInput, CannotRun
 from gibench.profiles import load_profile
@@ -54,13 +55,22 @@ def test_more_surfels_than_the_budget_holds():
 @pytest.mark.parametrize("variant", [PUBLISHED, TUNED])
 @pytest.mark.parametrize("grid", ["uniform", "perspective"])
 @pytest.mark.parametrize("depth", [True, False])
-def test_memory_is_known_in_closed_form(variant, grid, depth):
+@pytest.mark.parametrize(("size", "width"), [(16, 1), (64, 64), (96, 33)])
+def test_memory_is_declared(variant, grid, depth, size, width):
     technique = gibs(
-        furnished(), variant, surfels=777, grid=grid, depth_moments=depth, ray_guiding=not depth
+        furnished(),
+        variant,
+        size,
+        width=width,
+        surfels=777,
+        grid=grid,
+        depth_moments=depth,
+        ray_guiding=not depth,
     )
-    assert technique.nbytes == technique.device.memory.total_bytes
-    floor = SPEC.memory_floor(technique.scene.scene, 0, technique.settings, 64, 48)
-    assert 0.2 * technique.nbytes < floor <= technique.nbytes
+    least, held = check_memory(SPEC, technique, technique.settings, variant, size, 0)
+    # Of all it is only the tree that is not known before.
+    allocated = technique.device.memory.allocated
+    assert held - least < allocated["bvh_nodes"] + allocated["bvh_triangles"]
 
 
 def test_work_is_declared_for_every_pass():

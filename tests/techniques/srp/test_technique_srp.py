@@ -4,10 +4,11 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from support.made import made
+from support.made import check_memory, made
 from support.shading_oracle import open_device
 from support.srp_setups import VARIANTS, create
 from support.synthetic_bake import random_bake, random_lightmap, random_scene
+from support.vector_widths import widths
 
 from gibench.device import Device
 from gibench.errors import BadInput, CannotRun
@@ -59,13 +60,17 @@ def test_passes_and_their_work(setting, variant):
 
 @pytest.mark.parametrize("storage", ["fp32", "fp16", "snorm16"])
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_memory_in_closed_form(setting, variant, storage):
+@pytest.mark.parametrize("width", widths(1, 16))
+def test_memory_is_declared(setting, monkeypatch, variant, storage, width):
+    monkeypatch.setattr(Device, "vector_width", property(lambda self: width))
     scene, lightmap, bake = setting
     technique = create(bake, scene, lightmap, variant, 64, {"storage": storage})
-    assert technique.nbytes == technique.device.memory.total_bytes
-    settings = SPEC.settings({"sh_order": 4, "probes": 11, "relight_samples": 100})
-    floor = SPEC.memory_floor(scene, 400, settings, 24, 16)
-    assert floor <= technique.nbytes
+    samples = bake.relight.texel.shape[1]
+    settings = SPEC.settings(
+        {"sh_order": 4, "probes": 11, "relight_samples": samples, "storage": storage}
+    )
+    least, held = check_memory(SPEC, technique, settings, variant, 64, 400)
+    assert 0.1 * held < least < held
 
 
 def images_after(technique, size, frames):

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 from gibench.techniques.example.settings import ExampleSettings
 from gibench.techniques.example.stages import stages
-from gibench.techniques.example.technique import Example, own_bytes
+from gibench.techniques.example.technique import Example, buffers
 
 from gibench.scene.model import Scene
-from gibench.techniques.parts.frame_scene import frame_scene_bytes
 from gibench.techniques.registry import TUNED, Follows, TechniqueSpec
 
 __all__ = ["SPEC", "Example", "ExampleSettings"]
-
-
-def _memory_floor(
-    scene: Scene, receivers: int, settings: ExampleSettings, width: int, height: int
-) -> int:
-    return frame_scene_bytes(scene, width, height) + own_bytes(settings, width, height)
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[float, ...]]:
@@ -29,7 +22,7 @@ SPEC = TechniqueSpec(
     variants=(TUNED,),
     settings_type=ExampleSettings,
     create=Example,
-    memory_floor=_memory_floor,
+    buffers=buffers,
     stages=stages,
     sweep=_sweep,
     follows=frozenset({Follows.DIRECT_LIGHT}),

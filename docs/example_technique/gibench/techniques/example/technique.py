@@ -10,9 +10,8 @@ from gibench.techniques.example.settings import ExampleSettings
 from gibench.techniques.example.stages import volume_of
 
 from gibench.arrays import Floats
-from gibench.device import Argument, Device, Launch, integer, reads, scalar, writes
-from gibench.device.layout import BufferSpec, total_bytes
-from gibench.techniques.job import Job, World
+from gibench.device import Argument, BufferSpec, Device, Launch, integer, reads, scalar, writes
+from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.camera_pass import Application, lookup_defines
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
@@ -24,15 +23,17 @@ SOURCE = "example/application.cl"
 _LOOKUP_FLOPS = 2 + 3 * 5 + 3 * 3 + 8 * (3 * 3 + 2 + 2)
 
 
-def own_specs(settings: ExampleSettings) -> tuple[BufferSpec, BufferSpec]:
+def own_buffers(settings: ExampleSettings) -> tuple[BufferSpec, BufferSpec]:
     """The buffers beyond the scene's and the camera's: the volume, and each probe's openness."""
     probes = int(np.prod(settings.grid))
     return BufferSpec.of("volume", 9, np.float32), BufferSpec.of("openness", probes, np.float32)
 
 
-def own_bytes(settings: ExampleSettings, width: int, height: int) -> int:
-    """Bytes beyond the scene's."""
-    return total_bytes(own_specs(settings)) + HitBuffer.bytes_of(width, height)
+def buffers(known: Known) -> list[BufferSpec]:
+    """All its buffers."""
+    shot, settings = known.job.shot, known.job.settings
+    hits = HitBuffer.spec(shot.width, shot.height)
+    return [*FrameScene.declared(known), *own_buffers(settings), hits]
 
 
 class Example:
@@ -56,7 +57,7 @@ class Example:
         self._job, self._world = job, world
         self.scene = FrameScene.of(device, job.shot, world)
         volume = volume_of(world.scene, settings)
-        table, shares = own_specs(settings)
+        table, shares = own_buffers(settings)
         self._lookup: tuple[Argument, ...] = (
             reads("volume", device.create(table, volume.table())),
             reads("openness", device.create(shares, openness)),
@@ -71,12 +72,6 @@ class Example:
             args=(*self.scene.surfaces.shape_args, *self._lookup),
             flops=_LOOKUP_FLOPS,
         )
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of device memory it takes, in closed form."""
-        shot = self._job.shot
-        return self.scene.nbytes + own_bytes(self.settings, shot.width, shot.height)
 
     def passes(self) -> Sequence[Pass]:
         """The camera's pass, and the lookup."""
