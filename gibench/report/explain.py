@@ -91,9 +91,10 @@ def _idle(facts: LaunchFacts, profile: DeviceProfile) -> list[str]:
     if facts.groups >= profile.compute_units or facts.items * facts.groups <= profile.simd_width:
         return []
     groups = "work-group" if facts.groups == 1 else "work-groups"
+    idle = profile.compute_units - facts.groups
     return [
-        f"{facts.groups} {groups} for {profile.compute_units} units: most of the device has "
-        "nothing to do"
+        f"{facts.groups} {groups} for {profile.compute_units} units: {idle} of them have nothing "
+        "to do"
     ]
 
 
