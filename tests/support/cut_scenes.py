@@ -13,7 +13,7 @@ from support.reference_scenes import box, quad, scene_of
 
 WALL, LEAF = 0, 1
 MATERIALS = (Material("wall", (0.7, 0.6, 0.5)), Material("leaf", (0.3, 0.8, 0.2)))
-LAMP = PointLight((0.5, 0.95, 0.5), (1.0, 0.9, 0.8))
+LAMP = PointLight((0.25, 0.75, 0.25), (1.0, 0.9, 0.8))
 CAMERA = Camera((0.5, 0.5, 0.05), (0.5, 0.4, 1.0), 70.0)
 
 
