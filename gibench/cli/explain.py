@@ -70,7 +70,7 @@ def explain(
             "--out",
             "-o",
             metavar="DIR",
-            help="Folder for explain.csv and explain.md; by default "
+            help="Folder for explain.csv, explain.md and the plot; by default "
             "results/explain/<UTC time>-<profile>.",
             rich_help_panel=options.OUTPUT,
         ),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,11 @@ from gibench.measure.session.session import Session, check_job
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.report import explain as told
+from gibench.report.explain_plot import write_reuse
 from gibench.report.tables import csv_text
 from gibench.techniques.job import Job
 from gibench.trace.extra import require_extra
-from gibench.trace.facts import CACHE_BYTES, SIMD_WIDTHS, LaunchFacts
+from gibench.trace.facts import SIMD_WIDTHS, LaunchFacts
 from gibench.trace.own_kernel import own_request
 from gibench.trace.request import Request, Sampling, request_of
 
@@ -37,7 +38,7 @@ class Explanation:
     """What launches do.
 
     Attributes:
-        folder: with ``explain.csv``.
+        folder: with ``explain.csv``, ``explain.md`` and the reuse curves.
         table: a row per launch.
         profile: whose units the figures are set against.
         error: what is not fine: some launch could not be traced.
@@ -124,6 +125,7 @@ def explain(
     table = pd.DataFrame(rows, columns=told.columns(rows))
     folder.write_text("explain.csv", csv_text(table))
     folder.write_text("explain.md", "\n".join(f"- {line}" for line in told.told(table)) + "\n")
+    write_reuse(folder.path, table)
     return Explanation(folder.path, table, profile, _verdict(rows, folder.path))
 
 
@@ -154,29 +156,37 @@ def _kernels(texts: Sequence[str]) -> tuple[list[tuple[Path, str]], list[str]]:
 def _own_row(request: Request, profile: DeviceProfile) -> Row:
     row: Row = {"technique": "", "variant": "", "scene": "", "profile": profile.name}
     row |= {"pass": request.label, "kernel": request.kernel, "launch": 0, "frame": 0}
-    return row | _traced(request, profile, 0.0)
+    return row | _outcome(_traced(request, profile), profile, 0.0)
 
 
-def _traced(request: Request, profile: DeviceProfile, declared: float) -> Row:
-    """The figures of a launch, or why there are none."""
+def _traced(request: Request, profile: DeviceProfile) -> LaunchFacts | GibenchError:
+    """What a launch does, or why that is not known."""
     from gibench.trace.analysis import analyse
     from gibench.trace.trace import trace_launch
 
-    widths = sorted({*SIMD_WIDTHS, min(profile.simd_width, 64)})
+    widths = sorted({*SIMD_WIDTHS, min(profile.simd_width, max(SIMD_WIDTHS))})
     try:
-        facts: LaunchFacts = analyse(trace_launch(request, Sampling()), widths)
-    except CannotRun as error:
-        return {"status": "skipped", "reason": str(error), "declared_bytes": declared}
+        return analyse(trace_launch(request, Sampling()), widths)
     except GibenchError as error:
-        return {"status": "failed", "reason": str(error), "declared_bytes": declared}
-    sentence = told.sentence(facts, profile, declared)
-    return {
-        **told.row(facts, profile),
-        "declared_bytes": declared,
-        "sentence": sentence,
-        "status": "ok",
-        "reason": "",
-    }
+        return error
+
+
+def _outcome(found: LaunchFacts | GibenchError, profile: DeviceProfile, declared: float) -> Row:
+    """The figures of a launch with their sentence, or why there are none."""
+    if isinstance(found, GibenchError):
+        status = "skipped" if isinstance(found, CannotRun) else "failed"
+        return {"status": status, "reason": str(found)}
+    sentence = told.sentence(found, profile, declared)
+    return {**told.row(found, profile), "sentence": sentence, "status": "ok", "reason": ""}
+
+
+@dataclass
+class _Launched:
+    """A launch of the traced frame: what its row begins with, its pass, what became of it."""
+
+    head: Row
+    item: PreparedPass
+    found: Future[LaunchFacts | GibenchError] | None
 
 
 def _job_rows(
@@ -187,36 +197,47 @@ def _job_rows(
         session.prepare()
         for number in range(frame):
             session.frame(number)
-        queue = session.device.queue
-        session.technique.begin_frame(frame)
-        queue.finish()
-        waiting: list[tuple[Row, Future[Row]]] = []
-        rows: list[Row] = []
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            for item, place in _launches(session.prepared):
-                head = _head(job, session, item, frame)
-                if place is None:
-                    reason = {"status": item.status, "reason": item.problem}
-                    rows.append({**head, "kernel": "", "launch": 0, **reason})
-                    continue
-                launch = item.launches[place]
-                name = f"{launch.launch.program.path}:{launch.launch.kernel}"
-                if launch.global_size and (not names or name in names):
-                    queue.finish()
-                    request = request_of(session.device, launch)
-                    declared = item.work.bytes_read + item.work.bytes_written
-                    alone = declared if len(item.launches) == 1 else 0.0
-                    head |= {"kernel": request.kernel, "launch": place}
-                    while sum(not future.done() for _, future in waiting) >= _AT_ONCE:
-                        next(f for _, f in waiting if not f.done()).result()
-                    waiting.append((head, pool.submit(_traced, request, job.profile, alone)))
-                    rows.append(head | {"declared_bytes": declared})
-                launch.enqueue(queue)
-            queue.finish()
-        for head, future in waiting:
-            at = next(n for n, row in enumerate(rows) if _same(row, head))
-            rows[at] = {**head, **future.result(), "declared_bytes": rows[at]["declared_bytes"]}
+            launched = list(_run_frame(session, frame, names, pool))
+            session.device.queue.finish()
+        work = {item.name: item.work for item in session.prepared} | session.counted()
+    declared = {name: each.bytes_read + each.bytes_written for name, each in work.items()}
+    rows = []
+    for each in launched:
+        name = each.item.name
+        alone = declared[name] if len(each.item.launches) == 1 else 0.0
+        if each.found is None:
+            outcome: Row = {"status": each.item.status, "reason": each.item.problem}
+        else:
+            outcome = _outcome(each.found.result(), job.profile, alone)
+        rows.append({**each.head, **outcome, "declared_bytes": declared[name]})
     return _with_declared(rows)
+
+
+def _run_frame(
+    session: Session, frame: int, names: Sequence[str], pool: ThreadPoolExecutor
+) -> Iterator[_Launched]:
+    """Run a frame launch by launch, each traced with its buffers as they are before it."""
+    queue = session.device.queue
+    session.technique.begin_frame(frame)
+    waiting: list[Future[LaunchFacts | GibenchError]] = []
+    for item in session.prepared:
+        head = _head(session.job, session, item, frame)
+        if item.problem:
+            yield _Launched(head | {"kernel": "", "launch": 0}, item, None)
+        for place, launch in enumerate(item.launches):
+            name = f"{launch.launch.program.path}:{launch.launch.kernel}"
+            if launch.global_size and (not names or name in names):
+                queue.finish()
+                request = request_of(session.device, launch)
+                while sum(not each.done() for each in waiting) >= _AT_ONCE:
+                    wait(waiting, return_when=FIRST_COMPLETED)
+                    waiting = [each for each in waiting if not each.done()]
+                waiting.append(pool.submit(_traced, request, session.job.profile))
+                yield _Launched(
+                    head | {"kernel": request.kernel, "launch": place}, item, waiting[-1]
+                )
+            launch.enqueue(queue)
 
 
 def _head(job: Job, session: Session, item: PreparedPass, frame: int) -> Row:
@@ -230,23 +251,11 @@ def _head(job: Job, session: Session, item: PreparedPass, frame: int) -> Row:
     }
 
 
-def _same(row: Row, head: Row) -> bool:
-    return all(row.get(name) == head[name] for name in ("pass", "kernel", "launch"))
-
-
-def _launches(prepared: Sequence[PreparedPass]) -> Iterator[tuple[PreparedPass, int | None]]:
-    for item in prepared:
-        if item.problem:
-            yield item, None
-        for place in range(len(item.launches)):
-            yield item, place
-
-
 def _with_declared(rows: list[Row]) -> list[Row]:
     """Bytes of DRAM behind the shown cache over what the pass declares, all its launches
     together.
     """
-    key = f"dram_bytes_{CACHE_BYTES[CACHE_BYTES.index(told.SHOWN_CACHE)] >> 10}k"
+    key = f"dram_bytes_{told.SHOWN_CACHE >> 10}k"
     for row in rows:
         same = [other for other in rows if other["pass"] == row["pass"]]
         if row.get("declared_bytes") and all(other["status"] == "ok" for other in same):

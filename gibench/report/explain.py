@@ -78,7 +78,9 @@ def sentence(facts: LaunchFacts, profile: DeviceProfile, declared_bytes: float =
         return "; ".join(told[:2])
     moved = facts.dram_bytes[CACHE_BYTES.index(SHOWN_CACHE)]
     rate = f"{facts.flops / moved:.2g} flops a byte of DRAM" if moved else "no global memory"
-    return f"nothing stands out: neighbours touch neighbouring addresses, {rate}"
+    lines = simd.lines_over_fewest
+    where = "" if math.isnan(lines) else f"{lines:.2g} times the fewest cache lines, "
+    return f"nothing stands out: {where}{rate}"
 
 
 def _faults(facts: LaunchFacts) -> list[str]:
@@ -99,17 +101,25 @@ def _idle(facts: LaunchFacts, profile: DeviceProfile) -> list[str]:
 
 
 def _lines(simd: SimdFacts) -> list[str]:
-    """The access that touches the most lines beyond the fewest, where they matter."""
-    beyond = [(a.lines - a.fewest_lines, a) for a in simd.accesses]
-    excess, worst = max(beyond, key=lambda each: each[0], default=(0, None))
-    total = sum(a.lines for a in simd.accesses)
-    if worst is None or excess < 0.2 * total or worst.lines < 1.5 * worst.fewest_lines:
-        return []
-    touched, fewest = worst.lines / worst.requests, worst.fewest_lines / worst.requests
-    return [
-        f"each {KINDS[worst.kind]} of `{worst.buffer}` touches {touched:.3g} lines where "
-        f"{fewest:.3g} could do: {_apart(worst)}"
-    ]
+    """Of all loads, stores or atomics of one buffer, those that touch the most lines beyond the
+    fewest, where they matter.
+    """
+    together: dict[tuple[str, int], list[AccessFacts]] = {}
+    for access in simd.accesses:
+        together.setdefault((access.buffer, access.kind), []).append(access)
+    total = sum(access.lines for access in simd.accesses)
+    found = []
+    for (buffer, kind), group in together.items():
+        lines, fewest = sum(a.lines for a in group), sum(a.fewest_lines for a in group)
+        requests = sum(a.requests for a in group)
+        if lines - fewest >= 0.2 * total and lines >= 1.5 * fewest:
+            worst = max(group, key=lambda a: a.lines - a.fewest_lines)
+            text = (
+                f"each {KINDS[kind]} of `{buffer}` touches {lines / requests:.3g} lines where "
+                f"{fewest / requests:.3g} could do: {_apart(worst)}"
+            )
+            found.append((lines - fewest, text))
+    return [max(found)[1]] if found else []
 
 
 def _apart(access: AccessFacts) -> str:

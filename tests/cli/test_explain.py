@@ -60,6 +60,7 @@ def test_every_pass_of_a_technique_is_explained(
         assert (table[f"lines_over_fewest_{simd}"] >= 1).all()
         assert table[f"simd_efficiency_{simd}"].between(0, 1).all()
     assert (np.diff(table.filter(like="dram_bytes_"), axis=1) <= 0).all()
+    assert (tmp_path / "out" / "reuse.png").stat().st_size > 1000
     shown = capsys.readouterr().out
     assert "no figure here is a time" in shown
     for sentence in table["sentence"]:
