@@ -58,6 +58,7 @@ def serve(job: Job, place: Place, commands: TextIO, answers: TextIO) -> None:
     shared = Shared(Path(place.cache_dir), job.seed)
     session = Session.open(job, shared, select_cl_device(place.device), kernel_root=root)
     session.prepare(whole=True)
+    session.compile()
     _answer(answers, {"ready": [item.name for item in session.prepared]})
     for line in commands:
         command, _, argument = line.strip().partition(" ")

@@ -232,6 +232,7 @@ def _bring_up(loop: Loop, result: JobResult) -> Live:
     result.notes += session.notes
     chosen = sweep.chosen if sweep else {}
     session.prepare(chosen)
+    session.compile()
     if sweep is not None:
         result.notes += sweep.notes()
     result.counts = session.counts()

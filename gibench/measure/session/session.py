@@ -16,6 +16,7 @@ from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.plan.fit import FEWEST_RECEIVERS, Footprint, demand_of, has_receivers
 from gibench.measure.plan.view import choose_camera
+from gibench.measure.session.compiling import compile_launches
 from gibench.measure.session.enqueue import (
     FrameTimes,
     PreparedPass,
@@ -153,6 +154,24 @@ class Session:
         ]
         if whole:
             refuse_missing(self.prepared)
+
+    def compile(self) -> None:
+        """Have every kernel compiled for its launch, so that no frame does it: to be called once
+        the passes are prepared (see :mod:`gibench.measure.session.compiling`).
+
+        Where there is no room for a second technique, or it fails, the first frames compile, and
+        say what is wrong.
+        """
+        try:
+            spec = find_technique(self.job.technique)
+            twin = spec.create(self.device.beside(), self.job, self.world)
+            prepared = [
+                prepare_pass(twin.device, item, self.size_of(item.name))
+                for item in frame_passes(twin)
+            ]
+            compile_launches(twin, prepared)
+        except Exception:  # a fault of the technique is told by its own first frame
+            return
 
     def size_of(self, name: str) -> int:
         """The work-group size of the pass ``name``."""

@@ -115,6 +115,7 @@ def measure_sweep(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False
             refusal = error
             continue
         session.prepare()
+        session.compile()
         alive[size] = session
         free = tuple(
             item.name for item in frame_passes(session.technique) if _is_free(session.device, item)

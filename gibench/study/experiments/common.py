@@ -295,6 +295,7 @@ def timed(context: Context, job: Job, shared: Shared, own: tuple[int, int]) -> d
     job = replace(job, shot=context.shot(own))
     with Session.open(job, shared, context.cl_device) as session:
         session.prepare(whole=True)
+        session.compile()
         warmup, count = (1, 3) if context.quick else (5, context.frames)
         times = [session.frame(number).wall_ms for number in range(warmup + count)]
         summary = summarize(times[warmup:])
