@@ -95,8 +95,8 @@ def _idle(facts: LaunchFacts, profile: DeviceProfile) -> list[str]:
     groups = "work-group" if facts.groups == 1 else "work-groups"
     idle = profile.compute_units - facts.groups
     return [
-        f"{facts.groups} {groups} for {profile.compute_units} units: {idle} of them have nothing "
-        "to do"
+        f"{facts.groups} {groups} for {profile.compute_units} units: {idle} of them "
+        f"{'has' if idle == 1 else 'have'} nothing to do"
     ]
 
 
@@ -112,7 +112,7 @@ def _lines(simd: SimdFacts) -> list[str]:
     for (buffer, kind), group in together.items():
         lines, fewest = sum(a.lines for a in group), sum(a.fewest_lines for a in group)
         requests = sum(a.requests for a in group)
-        if lines - fewest >= 0.2 * total and lines >= 1.5 * fewest:
+        if lines > fewest and lines - fewest >= 0.2 * total and lines >= 1.5 * fewest:
             worst = max(group, key=lambda a: a.lines - a.fewest_lines)
             text = (
                 f"each {KINDS[kind]} of `{buffer}` touches {lines / requests:.3g} lines where "

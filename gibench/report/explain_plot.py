@@ -31,7 +31,7 @@ def write_reuse(folder: Path, table: pd.DataFrame) -> bool:
     if shown.empty:
         return False
     shown = shown.nlargest(_MOST, "requested_bytes")
-    figure = new_figure(8.0, 5.0)
+    figure = new_figure(10.0, 5.0)
     axes = figure.add_subplot()
     x = [size / 1024 for size in CACHE_BYTES]
     for number, (_, row) in enumerate(shown.iterrows()):
@@ -46,6 +46,6 @@ def write_reuse(folder: Path, table: pd.DataFrame) -> bool:
         title="What caches keep from DRAM (traced, not timed)",
     )
     axes.set_ylim(bottom=0)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     save(figure, folder / NAME)
     return True

@@ -38,7 +38,7 @@ def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
     scale = trace.total_groups / len(trace.groups)
     per_group = first.lanes @ trace.tables.instructions
     traffic = _traffic(trace, first)
-    addresses = np.concatenate([np.zeros(0, np.int64), *first.atomics])
+    addresses = np.concatenate([np.zeros(0, np.int64), *_apart(trace, first.atomics)])
     most = int(np.unique(addresses, return_counts=True)[1].max(initial=0))
     sampled = len(trace.groups) * trace.request.items
     return LaunchFacts(
@@ -60,6 +60,16 @@ def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
         reuse=traffic.reuse,
         cold=traffic.cold,
     )
+
+
+def _apart(trace: Trace, atomics: Sequence[Longs]) -> list[Longs]:
+    """Addresses of atomics by group, those in local memory told apart by their group."""
+    start, end = (each[trace.ranges.is_local] for each in (trace.ranges.start, trace.ranges.end))
+    found = []
+    for group, addresses in enumerate(atomics):
+        inside = (addresses[:, None] >= start) & (addresses[:, None] < end)
+        found.append(np.where(inside.any(axis=1), addresses + ((group + 1) << 48), addresses))
+    return found
 
 
 def _form(trace: Trace, simd: int) -> _Formed:

@@ -91,6 +91,17 @@ __kernel void count(__global uint *bins)
 {
     atomic_inc(bins + get_global_id(0) % 4);
 }
+__kernel void votes(__global uint *sums)
+{
+    __local uint votes;
+    if (get_local_id(0) == 0)
+        votes = 0;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    atomic_inc(&votes);
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (get_local_id(0) == 0)
+        sums[get_group_id(0)] = votes;
+}
 __kernel void roots(__global float *values)
 {
     const size_t i = get_global_id(0);
@@ -245,6 +256,13 @@ def test_atomics_are_counted_by_address() -> None:
     np.testing.assert_array_equal(trace.outputs["bins"], [256] * 4)
     facts = analyse(trace)
     assert (facts.atomics, facts.atomics_per_address) == (1024, 256)
+
+
+def test_atomics_in_local_memory_are_each_group_s_own() -> None:
+    trace = traced(SOURCE, "votes", 16, 64, sums=np.zeros(16, np.uint32))
+    np.testing.assert_array_equal(trace.outputs["sums"], [64] * 16)
+    facts = analyse(trace)
+    assert (facts.atomics, facts.atomics_per_address) == (1024, 64)
 
 
 def test_builtins_are_charged_by_the_table() -> None:
