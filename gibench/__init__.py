@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "advise", "experiment", "load_run", "quality", "run"]
+__all__ = [
+    "__version__",
+    "ab",
+    "advise",
+    "bake_ahead",
+    "experiment",
+    "load_run",
+    "quality",
+    "run",
+]
 
 # Warnings are shown where somebody asks for them: the command line does (gibench.cli.notices).
 logging.getLogger(__name__).addHandler(logging.NullHandler())
@@ -63,3 +72,23 @@ def experiment(name: str, **options: Any) -> Any:
         :class:`gibench.commands.experiment.ExperimentResult`: ``table``, ``folder``.
     """
     return import_module("gibench.commands.experiment").experiment(name, **options)
+
+
+def ab(old: str, new: str = ".", **options: Any) -> Any:
+    """Time one kernel tree against another: all that ``gibench ab`` takes, by keyword
+    (:func:`gibench.commands.ab.ab`).
+
+    Returns:
+        :class:`gibench.commands.ab.AbOutcome`: ``table``, ``remarks``, ``error``.
+    """
+    return import_module("gibench.commands.ab").ab(old, new, **options)
+
+
+def bake_ahead(**options: Any) -> list[Any]:
+    """Bake what runs will need: all that ``gibench bake`` takes, by keyword
+    (:func:`gibench.commands.bake.bake_ahead`).
+
+    Returns:
+        A :class:`gibench.commands.bake.Baked` each.
+    """
+    return list(import_module("gibench.commands.bake").bake_ahead(**options))

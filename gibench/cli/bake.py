@@ -26,33 +26,20 @@ def bake(
 
       gibench bake --scene sponza.obj --sh-order 2 --sh-order 7
     """
-    import time
+    from gibench.commands.bake import bake_ahead
 
-    from gibench.commands import asked
-    from gibench.measure.plan.grid import check_options, check_settings_names, settings_grid
-    from gibench.measure.session.shared import Shared
-
-    specs = asked.find_techniques(technique)
-    chosen_settings = asked.read_settings(settings)
-    common = asked.by_option(sh_order, probes)
-    check_options((), asked.several(receivers), ())
-    check_settings_names(specs, chosen_settings)
-    work = [
-        (spec, chosen)
-        for spec in specs
-        for chosen in settings_grid(spec, common, chosen_settings.get(spec.name, {}))
-    ]
-    shared = Shared(asked.cache_folder(cache_dir), seed)
-    names = asked.several(scene)
-    for name in names:
-        shared.scene(name)
-    for name in names:
-        for count in asked.several(receivers) or (shared.scene(name).receivers,):
-            for spec, chosen in work:
-                begin = time.perf_counter()
-                lightmap, _ = shared.baked(spec, chosen, name, count)
-                if not quiet:
-                    typer.echo(
-                        f"{spec.name} on {shared.scene(name).name}: {len(lightmap.receivers):,} "
-                        f"receivers, {chosen}: baked in {time.perf_counter() - begin:.1f} s"
-                    )
+    for baked in bake_ahead(
+        scene=scene,
+        technique=technique,
+        sh_order=sh_order,
+        probes=probes,
+        receivers=receivers,
+        settings=settings,
+        seed=seed,
+        cache_dir=cache_dir,
+    ):
+        if not quiet:
+            typer.echo(
+                f"{baked.technique} on {baked.scene}: {baked.receivers:,} receivers, "
+                f"{baked.settings}: baked in {baked.seconds:.1f} s"
+            )

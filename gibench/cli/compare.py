@@ -39,12 +39,13 @@ def compare(
 
       gibench compare main.json pull-request.json --markdown comment.md
     """
+    from gibench.commands import asked
     from gibench.measure.compare.runs import compare as compare_timings
     from gibench.measure.compare.runs import differences
     from gibench.measure.compare.timings import read_timings
     from gibench.report import comparison
 
-    limit = comparing.percentage(threshold)
+    limit = asked.percentage(threshold)
     first, second = read_timings(base, "BASE"), read_timings(new, "NEW")
     if different := differences(first, second):
         more = f" and {len(different) - 3} more" if len(different) > 3 else ""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-
-from gibench.errors import BadInput
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,19 +28,6 @@ JsonFile = Annotated[
     Path | None,
     typer.Option("--json", metavar="FILE", help="Write everything as JSON; - for standard output."),
 ]
-
-
-def percentage(text: str) -> float:
-    """The share that ``5%`` (or ``5``) is.
-
-    Raises:
-        BadInput: it is no percentage above 0 and below 100.
-    """
-    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*%?\s*", text)
-    share = float(match[1]) / 100 if match else 0.0
-    if not 0 < share < 1:
-        raise BadInput(f"--threshold '{text}' is no percentage", mend="give for instance 5%")
-    return share
 
 
 def write_comparison(

@@ -250,3 +250,16 @@ def recorded(given: Mapping[str, Any], *names: str) -> dict[str, Any]:
 def _listed(value: Any) -> Any:
     """As JSON would give it back."""
     return list(value) if isinstance(value, tuple) else value
+
+
+def percentage(text: str) -> float:
+    """The share that ``5%`` (or ``5``) is.
+
+    Raises:
+        BadInput: it is no percentage above 0 and below 100.
+    """
+    match = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*%?\s*", text)
+    share = float(match[1]) / 100 if match else 0.0
+    if not 0 < share < 1:
+        raise BadInput(f"--threshold '{text}' is no percentage", mend="give for instance 5%")
+    return share

@@ -12,12 +12,16 @@ import pytest
 import typer
 
 import gibench
+from gibench.cli import ab as cli_ab
 from gibench.cli import advise as cli_advise
+from gibench.cli import bake as cli_bake
 from gibench.cli import experiment as cli_experiment
 from gibench.cli import quality as cli_quality
 from gibench.cli import run as cli_run
 from gibench.cli.main import call
+from gibench.commands.ab import ab
 from gibench.commands.advise import advise
+from gibench.commands.bake import bake_ahead
 from gibench.commands.experiment import experiment
 from gibench.commands.quality import quality
 from gibench.commands.run import run
@@ -79,6 +83,8 @@ def test_no_result_depends_on_the_executor(tmp_path: Path) -> None:
         (quality, cli_quality.quality),
         (advise, cli_advise.advise),
         (experiment, cli_experiment.experiment),
+        (ab, cli_ab.ab),
+        (bake_ahead, cli_bake.bake),
     ],
 )
 def test_python_takes_what_the_command_line_takes(called, command) -> None:
@@ -87,7 +93,9 @@ def test_python_takes_what_the_command_line_takes(called, command) -> None:
     renamed = {"moving": "motion"}
     options = {renamed.get(name, name): one.default for name, one in theirs.items()}
     assert options.pop("quiet") is False
-    assert set(mine) - set(options) == {"executor"} and set(options) <= set(mine)
+    for name in ("markdown", "json"):  # where the command line writes what Python returns
+        assert options.pop(name, None) is None
+    assert set(mine) - set(options) <= {"executor"} and set(options) <= set(mine)
     options.pop("name", None)  # which experiment: Python cannot list them by leaving it out
     for name, default in options.items():
         assert not isinstance(default, typer.models.OptionInfo)
@@ -128,3 +136,27 @@ def test_a_setting_given_twice_is_an_axis_on_the_command_line(tmp_path: Path) ->
     assert len(tables["frames"]) == 3
     report = (tmp_path / "run" / "report.md").read_text(encoding="utf-8")
     assert "ray budget 3000" in report and "| SH order | ray budget |" in report
+
+
+def test_bakes_and_checks_from_python(tmp_path: Path) -> None:
+    small = {
+        "receivers": 300,
+        "settings": ["srp.transport_rays=32", "srp.relight_samples=32"],
+        "cache_dir": tmp_path / "cache",
+    }
+    serial, again = (
+        gibench.bake_ahead(sh_order=[1, 2], executor=executor, **small)
+        for executor in (Serial(), Threads(2))
+    )
+    assert [one.settings.sh_order for one in serial] == [1, 2]
+    assert [one.receivers for one in again] == [one.receivers for one in serial]
+    assert all(one.seconds < max(serial[0].seconds, 1.0) for one in again)  # from the cache
+    tree = str(Path(__file__).parents[2] / "kernels_cl")
+    checked = gibench.ab(
+        tree, tree, technique="direct", receivers=300, resolution="32x24", replicates=1,
+        frames=2, cache_dir=tmp_path / "cache",
+    )  # fmt: skip
+    assert checked.table["row"].tolist() == ["frame", "camera"]
+    assert checked.error is None
+    assert "Old and new are the same kernels." in checked.remarks
+    assert checked.markdown.startswith("### gibench ab: direct (tuned) on cornell-box, 32 x 24")

@@ -1,0 +1,171 @@
+"""``gibench ab``, and :func:`gibench.ab`."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.commands import asked
+from gibench.device.device import list_devices
+from gibench.errors import BadInput, CheckFailed, GibenchError
+from gibench.measure.compare import ab as checks
+from gibench.measure.compare.ab import AbOptions, AbResult
+from gibench.measure.compare.kernel_trees import kernel_tree
+from gibench.measure.compare.lockstep import SideFailed
+from gibench.measure.compare.paired import alarmed, undecided
+from gibench.measure.compare.replicate import Place
+from gibench.progress import progress
+from gibench.report import comparison
+from gibench.report.comparison import Row
+
+
+@dataclass(frozen=True)
+class AbOutcome:
+    """How one kernel tree compares with another.
+
+    Attributes:
+        title: what was compared.
+        rows: the frame and every pass, with times and verdict.
+        remarks: what a reader must know.
+        facts: for the JSON file, beside the rows.
+        error: what the command ends with where something is slower, else None.
+    """
+
+    title: str
+    rows: list[Row] = field(repr=False)
+    remarks: list[str] = field(repr=False)
+    facts: dict[str, Any] = field(repr=False)
+    error: CheckFailed | None = None
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """Everything, as the JSON file holds it."""
+        return dict(comparison.as_json(self.rows, self.facts))
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row per frame and pass, as the JSON file names them."""
+        return pd.DataFrame(self.content["rows"])
+
+    @property
+    def markdown(self) -> str:
+        """The table for a pull request."""
+        return comparison.markdown(self.rows, self.title, self.remarks)
+
+
+def ab(
+    old: str,
+    new: str = ".",
+    scene: str = "cornell-box",
+    technique: str = "srp",
+    variant: str = "tuned",
+    device_profile: str = "iphone7",
+    sh_order: int | None = None,
+    probes: int | None = None,
+    receivers: int | None = None,
+    workgroup_size: int | None = None,
+    settings: asked.SettingsAsked = None,
+    resolution: str = "320x180",
+    threshold: str = "5%",
+    replicates: int | None = None,
+    seconds: float = 100.0,
+    frames: int = 24,
+    seed: int = 0,
+    cache_dir: str | Path | None = None,
+) -> AbOutcome:
+    """Time one kernel tree against another, as ``gibench ab`` does; its help says what everything
+    is.
+
+    Raises:
+        BadInput: an input is wrong, or the baseline does not run.
+        GibenchError: the new tree does not run.
+    """
+    limit = asked.percentage(threshold)
+    (job,) = asked.jobs_of(
+        device_profile=device_profile,
+        scene=scene,
+        technique=technique,
+        variant=variant,
+        sh_order=sh_order,
+        probes=probes,
+        receivers=receivers,
+        workgroup_size=workgroup_size,
+        settings=settings,
+        shot=asked.shot_of(resolution, None),
+        seed=seed,
+    )
+    cache = asked.cache_folder(cache_dir)
+    list_devices()
+    checks.bake_once(job, cache)
+    how = AbOptions(limit, replicates, seconds=seconds, frames=frames, seed=seed)
+    with tempfile.TemporaryDirectory() as folder:
+        first, second = (kernel_tree(name, Path(folder)) for name in (old, new))
+        try:
+            with progress(f"{old} against {new}", replicates or how.most) as advance:
+                result = checks.check(job, Place(str(cache)), first, second, how, advance)
+        except SideFailed as error:
+            if error.side == "OLD":
+                raise BadInput(
+                    f"the baseline does not run: {error}",
+                    mend="nothing was compared; give a baseline that this gibench can run",
+                ) from error
+            raise GibenchError(f"{error}; nothing was compared") from error
+    slower = alarmed(result.judged)
+    image = f"{job.shot.width} x {job.shot.height}"
+    failed = CheckFailed(f"slower by more than {threshold}: {', '.join(slower)}")
+    return AbOutcome(
+        title=f"gibench ab: {technique} ({variant}) on {Path(scene).name}, {image}",
+        rows=_rows(result),
+        remarks=_remarks(result, limit),
+        facts={
+            "schema_version": 1,
+            "kind": "ab",
+            "old": {"name": result.old.name, "kernels": result.old.content_hash},
+            "new": {"name": result.new.name, "kernels": result.new.content_hash},
+            "threshold": limit,
+            "slower": slower,
+            "seconds": round(result.seconds, 1),
+            "log_ratios": result.log_ratios,
+            "output_difference": result.output_difference,
+        },
+        error=failed if slower else None,
+    )
+
+
+def _rows(result: AbResult) -> list[Row]:
+    return [
+        Row("", name, result.old_ms[name], result.new_ms[name], judged)
+        for name, judged in result.judged.items()
+    ]
+
+
+def _remarks(result: AbResult, limit: float) -> list[str]:
+    pairs = max(len(values) for values in result.log_ratios.values())
+    remarks = [
+        f"{pairs} pairs of fresh processes in {result.seconds:.0f} s, frame by frame in turns; "
+        f"threshold {100 * limit:.3g} %. frame: wall time; passes: device time. Old: "
+        f"{result.old.name} ({result.old.content_hash[:12]}), new: {result.new.name} "
+        f"({result.new.content_hash[:12]})."
+    ]
+    if (load := os.getloadavg()[0]) > 1.5 * (os.cpu_count() or 1):
+        remarks.append(
+            f"The machine is busy (load {load:.1f} on {os.cpu_count()} threads): intervals are "
+            "wide and a slowdown may be missed."
+        )
+    if result.old.content_hash == result.new.content_hash:
+        remarks.append("Old and new are the same kernels.")
+    if rows := undecided(result.judged):
+        remarks.append(
+            f"Ambiguous: {', '.join(rows)}. More replicates may tell (--replicates "
+            f"{2 * max(pairs, 12)})."
+        )
+    moved = {name: by for name, by in result.output_difference.items() if not by <= 1e-6}
+    if moved:
+        told = ", ".join(f"{name} by {by:.2g}" for name, by in moved.items())
+        remarks.append(f"What they compute differs (relative root mean square): {told}.")
+    return remarks
