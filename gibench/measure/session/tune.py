@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 
 from gibench.device import Device
-from gibench.errors import CannotRun
+from gibench.errors import CannotRun, GibenchError
 from gibench.measure.compare.kernel_trees import tree_hash
 from gibench.measure.runfolder.folder import write_atomically
 from gibench.measure.session.session import Session, with_size
@@ -174,7 +175,7 @@ def _is_free(device: Device, item: Pass) -> bool:
     """Whether any size fits the pass: it counts work-items and shares no local memory."""
     try:
         launches = item.launches()
-    except Exception:  # it fails when it is prepared too, and is told there
+    except (GibenchError, cl.Error):  # it fails when it is prepared too, and is told there
         return False
     return all(
         one.groups is None
