@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from dataclasses import dataclass, replace
 
@@ -41,6 +42,10 @@ class Charts:
     chart: Longs
     count: int
     placed: bool
+
+
+_THREADS_SLEEP_S = 0.02
+"""Far longer than a thread takes from its last task to its sleep."""
 
 
 def flatten(scene: Scene, texel_area: float) -> Charts:
@@ -107,6 +112,9 @@ def _unfold(scene: Scene, texel_area: float) -> Charts:
     options.resolution = 0
     options.bruteForce = False
     atlas.generate(xatlas.ChartOptions(), options)
+    # An Atlas that goes wakes its threads without holding their lock (xatlas, ~TaskScheduler): one
+    # that is just about to sleep misses that, and the process waits for it for ever. Let them sleep.
+    time.sleep(_THREADS_SLEEP_S)
     # (xatlas names atlas_count 0 when it could place nothing.)
     vertex, index, unit_uvs = atlas[0]
     del vertex
