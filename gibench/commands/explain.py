@@ -26,7 +26,7 @@ from gibench.techniques.job import Job
 from gibench.trace.extra import require_extra
 from gibench.trace.facts import SIMD_WIDTHS, LaunchFacts
 from gibench.trace.own_kernel import own_request
-from gibench.trace.request import Request, Sampling, request_of
+from gibench.trace.request import Sampling, TraceRequest, request_of
 
 Row = dict[str, Any]
 _AT_ONCE = 2
@@ -153,13 +153,13 @@ def _kernels(texts: Sequence[str]) -> tuple[list[tuple[Path, str]], list[str]]:
     return files, names
 
 
-def _own_row(request: Request, profile: DeviceProfile) -> Row:
+def _own_row(request: TraceRequest, profile: DeviceProfile) -> Row:
     row: Row = {"technique": "", "variant": "", "scene": "", "profile": profile.name}
     row |= {"pass": request.label, "kernel": request.kernel, "launch": 0, "frame": 0}
     return row | _outcome(_traced(request, profile), profile, 0.0)
 
 
-def _traced(request: Request, profile: DeviceProfile) -> LaunchFacts | GibenchError:
+def _traced(request: TraceRequest, profile: DeviceProfile) -> LaunchFacts | GibenchError:
     """What a launch does, or why that is not known."""
     from gibench.trace.analysis import analyse
     from gibench.trace.trace import trace_launch

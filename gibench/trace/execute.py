@@ -15,7 +15,7 @@ from gibench.arrays import Longs
 from gibench.trace.instrument import WORDS_SPARE, Instrumented
 from gibench.trace.lower import machine
 from gibench.trace.memory import Arena
-from gibench.trace.request import Request, Sampling
+from gibench.trace.request import Sampling, TraceRequest
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Machine:
         names: of the ranges: arguments, then the kernel's own local arrays.
     """
 
-    def __init__(self, instrumented: Instrumented, request: Request, capacity: int) -> None:
+    def __init__(self, instrumented: Instrumented, request: TraceRequest, capacity: int) -> None:
         import llvmlite.binding as llvm
 
         self._request, self._barriers = request, instrumented.has_barriers
@@ -201,7 +201,7 @@ def plan_groups(total: int, runs: int, length: int) -> list[list[int]]:
 
 
 def record(
-    machine: Machine, request: Request, sampling: Sampling, tell: Callable[[int], None]
+    machine: Machine, request: TraceRequest, sampling: Sampling, tell: Callable[[int], None]
 ) -> Record:
     """Run the groups that ``sampling`` asks for, as far as room and time go, first the first of
     every run.

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gibench.device import Device, Parameter, Program, ProgramSpec, build_program
 from gibench.errors import BadInput
-from gibench.trace.request import Request, TracedArgument
+from gibench.trace.request import TracedArgument, TraceRequest
 
 _TYPES: dict[str, type[np.generic]] = {
     "char": np.int8,
@@ -34,7 +34,7 @@ _TYPES: dict[str, type[np.generic]] = {
 
 def own_request(
     device: Device, file: Path, kernel: str, texts: Sequence[str], items: int | None, group: int
-) -> Request:
+) -> TraceRequest:
     """The request for a kernel of a user's file.
 
     Args:
@@ -76,7 +76,7 @@ def own_request(
     args = [_argument(each, values, label) for each in parameters]
     found = [a.data for a in args if isinstance(a.data, np.ndarray)]
     count = items or max((len(data) for data in found), default=group)
-    return Request(source, {}, kernel, args, group, (-(-count // group), 1), label)
+    return TraceRequest(source, {}, kernel, args, group, (-(-count // group), 1), label)
 
 
 def _pair(text: str) -> tuple[str, str]:

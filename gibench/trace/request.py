@@ -45,7 +45,7 @@ class TracedArgument:
 
 
 @dataclass(frozen=True)
-class Request:
+class TraceRequest:
     """A launch to trace.
 
     Attributes:
@@ -88,7 +88,7 @@ class Sampling:
     whole: bool = False
 
 
-def request_of(device: Device, prepared: PreparedLaunch) -> Request:
+def request_of(device: Device, prepared: PreparedLaunch) -> TraceRequest:
     """The request for a launch as it would run now: reads its buffers from the device.
 
     Raises:
@@ -108,12 +108,12 @@ def request_of(device: Device, prepared: PreparedLaunch) -> Request:
     first, *rows = prepared.global_sizes
     groups = (first // prepared.local, rows[0] if rows else 1)
     label = f"{launch.program.path}: {launch.kernel}"
-    return Request(
+    return TraceRequest(
         program.source, launch.program.defines, launch.kernel, args, prepared.local, groups, label
     )
 
 
-def write_request(folder: Path, request: Request, sampling: Sampling) -> None:
+def write_request(folder: Path, request: TraceRequest, sampling: Sampling) -> None:
     """Put a request into ``folder``."""
     entries = []
     for number, argument in enumerate(request.args):
@@ -141,7 +141,7 @@ def write_request(folder: Path, request: Request, sampling: Sampling) -> None:
     (folder / "request.json").write_text(json.dumps(record), encoding="utf-8")
 
 
-def read_request(folder: Path) -> tuple[Request, Sampling]:
+def read_request(folder: Path) -> tuple[TraceRequest, Sampling]:
     """The request in ``folder``."""
     record = json.loads((folder / "request.json").read_text(encoding="utf-8"))
     sampling = Sampling(**record.pop("sampling"))
@@ -154,4 +154,4 @@ def read_request(folder: Path) -> tuple[Request, Sampling]:
             data = data if kind == "buffer" else data[0]
         args.append(TracedArgument(data=data, **entry))
     groups = tuple(record.pop("groups"))
-    return Request(args=args, groups=groups, **record), sampling
+    return TraceRequest(args=args, groups=groups, **record), sampling

@@ -20,7 +20,7 @@ from gibench.arrays import Longs
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
 from gibench.trace.extra import require_extra
 from gibench.trace.instrument import Tables
-from gibench.trace.request import Request, Sampling, write_request
+from gibench.trace.request import Sampling, TraceRequest, write_request
 from gibench.trace.worker import CACHE
 
 
@@ -57,7 +57,7 @@ class Trace:
             launch; empty otherwise.
     """
 
-    request: Request
+    request: TraceRequest
     tables: Tables
     ranges: Ranges
     words: Longs
@@ -77,7 +77,7 @@ class Trace:
         return int((self.ranges.end - self.ranges.start)[self.ranges.is_local].sum())
 
 
-def trace_launch(request: Request, sampling: Sampling | None = None) -> Trace:
+def trace_launch(request: TraceRequest, sampling: Sampling | None = None) -> Trace:
     """Trace a launch.
 
     Raises:
@@ -97,7 +97,7 @@ def trace_launch(request: Request, sampling: Sampling | None = None) -> Trace:
         return _read(folder, request, sampling)
 
 
-def _run(folder: Path, request: Request, sampling: Sampling) -> None:
+def _run(folder: Path, request: TraceRequest, sampling: Sampling) -> None:
     environment = {**os.environ, "POCL_CACHE_DIR": str(folder / CACHE), "PYOPENCL_NO_CACHE": "1"}
     environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     command = [sys.executable, "-m", "gibench.trace.worker", str(folder)]
@@ -141,7 +141,7 @@ def _refusal(told: Mapping[str, Any]) -> GibenchError:
     return kinds[told["code"]](told["what"], where=told["where"], mend=told["mend"])
 
 
-def _read(folder: Path, request: Request, sampling: Sampling) -> Trace:
+def _read(folder: Path, request: TraceRequest, sampling: Sampling) -> Trace:
     told = json.loads((folder / "done.json").read_text(encoding="utf-8"))
     if told["too_large"] and not sampling.whole:
         raise CannotRun(

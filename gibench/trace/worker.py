@@ -14,13 +14,13 @@ from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.trace.execute import Machine, record
 from gibench.trace.instrument import instrument
 from gibench.trace.lower import lower
-from gibench.trace.request import Request, read_request
+from gibench.trace.request import TraceRequest, read_request
 
 CACHE = "pocl"
 """Folder of PoCL's cache beneath the request's."""
 
 
-def bitcode_of(request: Request, cache: Path) -> bytes:
+def bitcode_of(request: TraceRequest, cache: Path) -> bytes:
     """What PoCL compiles the request's program to.
 
     Args:

@@ -23,7 +23,7 @@ import run_case
 from cases import Case
 
 from gibench.device import Access, Buffer, LocalMemory, PreparedLaunch, kernel_source
-from gibench.trace.request import Request, Sampling, TracedArgument, write_request
+from gibench.trace.request import Sampling, TracedArgument, TraceRequest, write_request
 
 
 def capture(out: Path, wanted: set[str]) -> None:
@@ -55,7 +55,7 @@ def capture(out: Path, wanted: set[str]) -> None:
                 args.append(TracedArgument(argument.name, value))
         groups = (sizes[0] // self.local, sizes[1] if len(sizes) > 1 else 1)
         program = launch.program
-        request = Request(
+        request = TraceRequest(
             *(kernel_source(program.path), program.defines, launch.kernel, args),
             *(self.local, groups, name),
         )

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.trace.request import Request, Sampling, TracedArgument
+from gibench.trace.request import Sampling, TracedArgument, TraceRequest
 from gibench.trace.trace import Trace, trace_launch
 
 WHOLE = Sampling(runs=1, length=1 << 20, whole=True)
@@ -23,5 +23,5 @@ def traced(
         else:
             args.append(TracedArgument(name, value, 0, isinstance(value, np.ndarray)))
     return trace_launch(
-        Request(source, {}, kernel, args, items, (groups, 1), f"test.cl: {kernel}"), how
+        TraceRequest(source, {}, kernel, args, items, (groups, 1), f"test.cl: {kernel}"), how
     )

@@ -18,7 +18,7 @@ from cases import Case
 
 from gibench.trace.analysis import analyse
 from gibench.trace.instrument import ATOMIC
-from gibench.trace.request import Request, Sampling, read_request
+from gibench.trace.request import Sampling, TraceRequest, read_request
 from gibench.trace.trace import trace_launch
 
 ROOT = Path(__file__).parents[1]
@@ -141,7 +141,7 @@ def test_a_request_comes_back_from_its_folder(tmp_path: Path) -> None:
         TracedArgument("n", np.int32(7)),
         TracedArgument("l", None, 64),
     ]
-    request = Request("source", {"WIDTH": 8}, "k", args, 32, (4, 2), "k")
+    request = TraceRequest("source", {"WIDTH": 8}, "k", args, 32, (4, 2), "k")
     write_request(tmp_path, request, Sampling(runs=2))
     found, sampling = read_request(tmp_path)
     assert (found.defines, found.groups, found.items) == ({"WIDTH": 8}, (4, 2), 32)

@@ -113,7 +113,7 @@ def _unfold(scene: Scene, texel_area: float) -> Charts:
     options.bruteForce = False
     atlas.generate(xatlas.ChartOptions(), options)
     # An Atlas that goes wakes its threads without holding their lock (xatlas, ~TaskScheduler): one
-    # that is just about to sleep misses that, and the process waits for it for ever. Let them sleep.
+    # that is just about to sleep misses that, and the process waits for ever. Let them sleep.
     time.sleep(_THREADS_SLEEP_S)
     # (xatlas names atlas_count 0 when it could place nothing.)
     vertex, index, unit_uvs = atlas[0]
