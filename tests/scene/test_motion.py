@@ -269,8 +269,8 @@ def test_a_file_without_motion(tmp_path, text, what):
     assert what in str(error.value) and str(error.value).startswith(str(path))
 
 
-def test_the_readmes_motions_are_sound(tmp_path):
-    text = (Path(__file__).parents[2] / "README.md").read_text()
+def test_the_pages_motions_are_sound(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "motion.md").read_text()
     path = tmp_path / "motion.toml"
     path.write_text(text.split("```toml\n")[1].split("```")[0])
     door, crate = load_motions(path)
