@@ -13,8 +13,10 @@ __all__ = [
     "ab",
     "advise",
     "bake_ahead",
+    "compare",
     "experiment",
     "load_run",
+    "make_report",
     "quality",
     "run",
 ]
@@ -79,9 +81,29 @@ def ab(old: str, new: str = ".", **options: Any) -> Any:
     (:func:`gibench.commands.ab.ab`).
 
     Returns:
-        :class:`gibench.commands.ab.AbOutcome`: ``table``, ``remarks``, ``error``.
+        :class:`gibench.report.comparison.Comparison`: ``table``, ``remarks``, ``error``.
     """
     return import_module("gibench.commands.ab").ab(old, new, **options)
+
+
+def compare(base: str | Path, new: str | Path, **options: Any) -> Any:
+    """Compare recorded times: all that ``gibench compare`` takes, by keyword
+    (:func:`gibench.commands.compare.compare`).
+
+    Returns:
+        :class:`gibench.report.comparison.Comparison`: ``table``, ``remarks``, ``error``.
+    """
+    return import_module("gibench.commands.compare").compare(base, new, **options)
+
+
+def make_report(runs: Any, **options: Any) -> Any:
+    """Show runs again: all that ``gibench report`` takes, by keyword
+    (:func:`gibench.commands.report.make_report`).
+
+    Returns:
+        :class:`gibench.commands.report.Report`: ``text``, ``path``.
+    """
+    return import_module("gibench.commands.report").make_report(runs, **options)
 
 
 def bake_ahead(**options: Any) -> list[Any]:

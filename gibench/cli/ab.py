@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from gibench.cli import comparing, options
+from gibench.cli import options
+from gibench.cli.give_comparison import give_comparison
 
 
 def ab(
@@ -26,7 +26,7 @@ def ab(
         str, typer.Option("--device-profile", "-d", metavar="NAME|FILE", help="Device to model.")
     ] = "iphone7",
     sh_order: Annotated[
-        int | None, typer.Option("--sh-order", metavar="0-7", help="As in 'gibench run'.")
+        int | None, typer.Option("--sh-order", metavar="N", help="As in 'gibench run'.")
     ] = None,
     probes: Annotated[
         int | None, typer.Option("--probes", min=1, metavar="N", help="As in 'gibench run'.")
@@ -42,7 +42,7 @@ def ab(
     resolution: Annotated[
         str, typer.Option("--resolution", metavar="WxH", help="Camera image, pixels.")
     ] = "320x180",
-    threshold: comparing.Threshold = "5%",
+    threshold: options.Threshold = "5%",
     replicates: Annotated[
         int | None,
         typer.Option(
@@ -61,8 +61,8 @@ def ab(
     ] = 24,
     seed: options.Seed = 0,
     cache_dir: options.CacheDir = None,
-    markdown: comparing.MarkdownFile = None,
-    json: comparing.JsonFile = None,
+    markdown: options.MarkdownFile = None,
+    json: options.JsonFile = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Time one kernel tree against another and fail only if it is established to be slower.
@@ -82,7 +82,6 @@ def ab(
       gibench ab HEAD~1 HEAD --technique srp --variant published --markdown comment.md
     """
     from gibench.commands import ab as command
-    from gibench.report import comparison
 
     found = command.ab(
         old,
@@ -104,8 +103,4 @@ def ab(
         seed=seed,
         cache_dir=cache_dir,
     )
-    comparing.write_comparison(markdown, found.markdown, json, found.content)
-    if not quiet and json != Path("-") and markdown != Path("-"):
-        comparison.show(found.rows, found.title, found.remarks)
-    if found.error is not None:
-        raise found.error
+    give_comparison(found, markdown, json, quiet=quiet)

@@ -78,7 +78,7 @@ ShOrders = Annotated[
     list[int] | None,
     typer.Option(
         "--sh-order",
-        metavar="0-7",
+        metavar="N",
         help="Order of the probes' spherical harmonics. Higher keeps sharper light and costs time "
         "and memory by (order + 1)².",
         rich_help_panel=GRID,
@@ -238,6 +238,24 @@ Quiet = Annotated[
         help="Print errors only.",
         rich_help_panel=OUTPUT,
     ),
+]
+Threshold = Annotated[
+    str,
+    typer.Option(
+        "--threshold", metavar="PERCENT", help="The least change that matters, for instance 5%."
+    ),
+]
+MarkdownFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--markdown",
+        metavar="FILE",
+        help="Write a table for a pull request; - for standard output.",
+    ),
+]
+JsonFile = Annotated[
+    Path | None,
+    typer.Option("--json", metavar="FILE", help="Write everything as JSON; - for standard output."),
 ]
 
 

@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from gibench.errors import BadInput
-
 
 def report(
     runs: Annotated[
@@ -40,26 +38,10 @@ def report(
 
       gibench report laptop-run desktop-run quality-out --html --out both.html
     """
-    from gibench.measure.runfolder.folder import write_atomically
-    from gibench.report.loaded import QUALITY, load_quality, load_run
-    from gibench.report.markdown import report as markdown
-    from gibench.report.page import page
+    from gibench.commands.report import make_report
 
-    folders = list(dict.fromkeys(runs))
-    qualities = [load_quality(path) for path in folders if (path / QUALITY).exists()]
-    loaded = [load_run(path) for path in folders if not (path / QUALITY).exists()]
-    if not loaded:
-        raise BadInput("no run to report", mend="give a folder that gibench run left as well")
-    if html:
-        text = page(loaded, qualities)
-        target = out or loaded[0].path / "report.html"
+    made = make_report(runs, html=html, out=out)
+    if made.path is None:
+        typer.echo(made.text, nl=False)
     else:
-        text = "\n".join(markdown(run.passes, run.frames, run.record) for run in loaded)
-        if out is None:
-            typer.echo(text, nl=False)
-            return
-        target = out
-    if target.is_dir():
-        raise BadInput("this is a folder", where=target, mend="give a file with --out")
-    write_atomically(target, text.encode())
-    typer.echo(str(target))
+        typer.echo(str(made.path))

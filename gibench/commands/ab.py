@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.device import list_devices
@@ -20,42 +16,7 @@ from gibench.measure.compare.lockstep import SideFailed
 from gibench.measure.compare.paired import alarmed, undecided
 from gibench.measure.compare.replicate import Place
 from gibench.progress import progress
-from gibench.report import comparison
-from gibench.report.comparison import Row
-
-
-@dataclass(frozen=True)
-class AbOutcome:
-    """How one kernel tree compares with another.
-
-    Attributes:
-        title: what was compared.
-        rows: the frame and every pass, with times and verdict.
-        remarks: what a reader must know.
-        facts: for the JSON file, beside the rows.
-        error: what the command ends with where something is slower, else None.
-    """
-
-    title: str
-    rows: list[Row] = field(repr=False)
-    remarks: list[str] = field(repr=False)
-    facts: dict[str, Any] = field(repr=False)
-    error: CheckFailed | None = None
-
-    @property
-    def content(self) -> dict[str, Any]:
-        """Everything, as the JSON file holds it."""
-        return dict(comparison.as_json(self.rows, self.facts))
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """A row per frame and pass, as the JSON file names them."""
-        return pd.DataFrame(self.content["rows"])
-
-    @property
-    def markdown(self) -> str:
-        """The table for a pull request."""
-        return comparison.markdown(self.rows, self.title, self.remarks)
+from gibench.report.comparison import Comparison, Row
 
 
 def ab(
@@ -77,7 +38,7 @@ def ab(
     frames: int = 24,
     seed: int = 0,
     cache_dir: str | Path | None = None,
-) -> AbOutcome:
+) -> Comparison:
     """Time one kernel tree against another, as ``gibench ab`` does; its help says what everything
     is.
 
@@ -85,20 +46,8 @@ def ab(
         BadInput: an input is wrong, or the baseline does not run.
         GibenchError: the new tree does not run.
     """
+    (job,) = asked.jobs_of(locals())
     limit = asked.percentage(threshold)
-    (job,) = asked.jobs_of(
-        device_profile=device_profile,
-        scene=scene,
-        technique=technique,
-        variant=variant,
-        sh_order=sh_order,
-        probes=probes,
-        receivers=receivers,
-        workgroup_size=workgroup_size,
-        settings=settings,
-        shot=asked.shot_of(resolution, None),
-        seed=seed,
-    )
     cache = asked.cache_folder(cache_dir)
     list_devices()
     checks.bake_once(job, cache)
@@ -118,7 +67,7 @@ def ab(
     slower = alarmed(result.judged)
     image = f"{job.shot.width} x {job.shot.height}"
     failed = CheckFailed(f"slower by more than {threshold}: {', '.join(slower)}")
-    return AbOutcome(
+    return Comparison(
         title=f"gibench ab: {technique} ({variant}) on {Path(scene).name}, {image}",
         rows=_rows(result),
         remarks=_remarks(result, limit),

@@ -14,7 +14,6 @@ from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.runfolder.axes import axes_of
-from gibench.measure.runfolder.folder import RunFolder, default_folder
 from gibench.measure.runfolder.record import study_record
 from gibench.report.advice import advice_report, plot_advice
 from gibench.report.tables import csv_text
@@ -110,8 +109,7 @@ def advise(
         flip=False,  # none of its tables shows it
     )
     check_views(jobs, how, shared)
-    path = Path(out) if out else Path("results", "advice", default_folder([profile.name]).name)
-    folder = RunFolder.create(path, arguments)
+    folder = asked.folder_for(out, "advice", [profile.name], arguments)
     folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
     kept = Rows.at(folder.path / "settings.csv", ("number",), columns(axes))

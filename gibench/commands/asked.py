@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from gibench.errors import BadInput, printable
 from gibench.measure.plan.grid import grid
+from gibench.measure.runfolder.folder import RunFolder, default_folder
 from gibench.profiles import DeviceProfile, load_profile
 from gibench.scene.motion.file import load_motions
 from gibench.techniques.camera_path import FlightOptions
@@ -17,9 +18,28 @@ from gibench.techniques.object_motion import REST, SCENE, MotionOptions
 from gibench.techniques.registry import TechniqueSpec, find_technique
 
 MAX_IMAGE_PIXELS = 16384
-MAX_SH_ORDER = 7
 BY_OPTION = ("sh_order", "probes")
 """Settings that have an option of their own; ``--set`` reaches the others."""
+_RECORDED = (
+    "device_profile",
+    "scene",
+    "technique",
+    "variant",
+    "sh_order",
+    "probes",
+    "receivers",
+    "workgroup_size",
+    "settings",
+    "frames",
+    "resolution",
+    "camera",
+    "seed",
+    "device",
+    "camera_path",
+    "rest_frames",
+    "flight_frames",
+)
+_SHOT = ("resolution", "camera", "camera_path", "rest_frames", "flight_frames", "motion")
 
 Texts = str | Sequence[str]
 """One name or several."""
@@ -30,57 +50,47 @@ SettingsAsked = Sequence[str] | Mapping[str, Any] | None
 axis."""
 
 
-def jobs_of(
-    *,
-    device_profile: Texts,
-    scene: Texts,
-    technique: Texts,
-    variant: Texts,
-    sh_order: Numbers,
-    probes: Numbers,
-    receivers: Numbers,
-    workgroup_size: Sizes,
-    settings: SettingsAsked,
-    shot: Shot,
-    seed: int,
-) -> list[Job]:
-    """The grid of jobs that options ask for.
+def jobs_of(given: Mapping[str, Any]) -> list[Job]:
+    """The grid of jobs that a command's options ask for.
+
+    Args:
+        given: the command's options by name; of those of the image and the camera the ones it has.
 
     Raises:
-        BadInput: one of them is wrong.
+        BadInput: one of them is wrong, or nothing is asked for.
         CannotRun: no work-group size asked suits any profile asked.
     """
-    return grid(
-        load_profiles(several(device_profile)),
-        find_techniques(several(technique)),
-        scenes=several(scene),
-        variants=several(variant),
-        common=by_option(sh_order, probes),
-        settings=read_settings(settings),
-        receivers=several(receivers),
-        workgroup_sizes=workgroup_sizes(workgroup_size),
-        shot=shot,
-        seed=seed,
+    jobs = grid(
+        load_profiles(several(given["device_profile"])),
+        find_techniques(several(given["technique"])),
+        scenes=several(given["scene"]),
+        variants=several(given["variant"]),
+        common=by_option(given["sh_order"], given["probes"]),
+        settings=read_settings(given["settings"]),
+        receivers=several(given["receivers"]),
+        workgroup_sizes=workgroup_sizes(given["workgroup_size"]),
+        shot=shot_of(**{name: given[name] for name in _SHOT if name in given}),
+        seed=given["seed"],
     )
+    if not jobs:
+        raise BadInput("nothing is asked for", mend="name a device profile, scene and technique")
+    return jobs
 
 
 def several(value: Any) -> tuple[Any, ...]:
     """One value, several or none as a tuple."""
     if value is None:
         return ()
-    return (value,) if isinstance(value, str | int | float) else tuple(value)
+    return (value,) if isinstance(value, str | int | float | Path) else tuple(value)
 
 
 def by_option(sh_order: Numbers, probes: Numbers) -> dict[str, tuple[int, ...]]:
     """Values of the settings that have an option of their own.
 
     Raises:
-        BadInput: one is out of range.
+        BadInput: a number of probes is below 1; what else is out of range, a technique says.
     """
     orders, counts = several(sh_order), several(probes)
-    for order in orders:
-        if not 0 <= order <= MAX_SH_ORDER:
-            raise BadInput(f"--sh-order {order} is out of range", mend="give 0 to 7")
     for count in counts:
         if count < 1:
             raise BadInput(f"--probes {count} is out of range", mend="give 1 or more")
@@ -106,6 +116,17 @@ def cache_folder(given: str | Path | None) -> Path:
             mend="give another folder with --cache-dir",
         ) from error
     return path
+
+
+def folder_for(
+    out: str | Path | None, kind: str, profiles: Sequence[str], arguments: Mapping[str, Any]
+) -> RunFolder:
+    """The folder that a command leaves: ``out``, or a new one beneath ``results/<kind>``.
+
+    Raises:
+        BadInput: it cannot be written, or holds something else.
+    """
+    return RunFolder.create(Path(out) if out else default_folder(profiles, kind), arguments)
 
 
 def load_profiles(names: Sequence[str]) -> list[DeviceProfile]:
@@ -156,8 +177,8 @@ def workgroup_sizes(asked: Sizes) -> tuple[int | Literal["auto"], ...]:
 
 
 def shot_of(
-    resolution_asked: str | tuple[int, int],
-    camera: str | int | None,
+    resolution: str | tuple[int, int],
+    camera: str | int | None = None,
     camera_path: str = REST,
     rest_frames: int = 60,
     flight_frames: int = 240,
@@ -168,7 +189,7 @@ def shot_of(
     Raises:
         BadInput: one is wrong, or a file holds none.
     """
-    width, height = resolution(resolution_asked)
+    width, height = image_size(resolution)
     flight = FlightOptions(camera_path, rest_frames, flight_frames)
     flight.check()
     if motion not in (REST, SCENE):
@@ -177,7 +198,7 @@ def shot_of(
     return Shot(width, height, which, flight, MotionOptions(motion))
 
 
-def resolution(asked: str | tuple[int, int]) -> tuple[int, int]:
+def image_size(asked: str | tuple[int, int]) -> tuple[int, int]:
     """Width and height of ``WxH``, pixels.
 
     Raises:
@@ -231,12 +252,7 @@ def recorded(given: Mapping[str, Any], *names: str) -> dict[str, Any]:
     """What a command was asked for, for its record: of what runs and studies share all that it
     takes, and ``names``; files by base name, folders not at all.
     """
-    shared = (
-        *("device_profile", "scene", "technique", "variant", "sh_order", "probes", "receivers"),
-        *("workgroup_size", "settings", "frames", "resolution", "camera", "seed", "device"),
-        *("camera_path", "rest_frames", "flight_frames"),
-    )
-    arguments = {name: given[name] for name in shared if name in given}
+    arguments = {name: given[name] for name in _RECORDED if name in given}
     arguments |= {name: given[name] for name in names}
     arguments = {name: _listed(value) for name, value in arguments.items()}
     for name in {"device_profile", "scene", "camera_path"} & set(arguments):

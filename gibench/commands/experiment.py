@@ -60,7 +60,7 @@ def experiment(
     chosen = find_experiment(name)
     check_target_error(target_error)
     check_paths(reference_paths, "--reference-paths")
-    image = None if resolution is None else asked.resolution(resolution)
+    image = None if resolution is None else asked.image_size(resolution)
     profiles = asked.load_profiles(asked.several(device_profile) or chosen.profiles)
     cl_device = select_cl_device(device)
     cache, scenes = asked.cache_folder(cache_dir), asked.several(scene)

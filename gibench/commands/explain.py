@@ -14,7 +14,6 @@ from gibench.commands import asked
 from gibench.device import Device
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
-from gibench.measure.runfolder.folder import RunFolder, default_folder
 from gibench.measure.session.enqueue import PreparedPass
 from gibench.measure.session.session import Session, check_job
 from gibench.measure.session.shared import Shared
@@ -77,7 +76,8 @@ def explain(
         CannotRun: the extra is missing, or a technique does not fit the profile.
         GibenchError: the folder cannot be written.
     """
-    arguments = asked.recorded(locals(), "variant", "frame", "arg", "items")
+    given = locals()
+    arguments = asked.recorded(given, "variant", "frame", "arg", "items")
     arguments |= {"command": "explain", "kernel": [Path(k).name for k in asked.several(kernel)]}
     require_extra()
     profile = asked.load_profiles([device_profile])[0]
@@ -89,19 +89,7 @@ def explain(
     rows: list[Row] = []
     jobs: list[Job] = []
     if not files or names:
-        jobs = asked.jobs_of(
-            device_profile=device_profile,
-            scene=scene,
-            technique=technique,
-            variant=variant,
-            sh_order=sh_order,
-            probes=probes,
-            receivers=receivers,
-            workgroup_size=workgroup_size,
-            settings=settings,
-            shot=asked.shot_of(resolution, camera),
-            seed=seed,
-        )
+        jobs = asked.jobs_of(given)
     cl_device = select_cl_device(None)
     shared = Shared(asked.cache_folder(cache_dir), seed)
     for job in jobs:
@@ -114,8 +102,7 @@ def explain(
         )
         for file, name in files
     ]
-    path = Path(out) if out else Path("results", "explain", default_folder([profile.name]).name)
-    folder = RunFolder.create(path, arguments)
+    folder = asked.folder_for(out, "explain", [profile.name], arguments)
     for request in own:
         rows.append(_own_row(request, profile))
     for job in jobs:

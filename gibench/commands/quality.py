@@ -15,13 +15,19 @@ from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.runfolder.axes import axes_of
-from gibench.measure.runfolder.folder import RunFolder, default_folder
 from gibench.measure.runfolder.record import study_record
 from gibench.report.quality import quality_report, quality_table
 from gibench.report.tables import csv_text
 from gibench.study.frozen import FrozenShared
 from gibench.study.pictures import write_pictures
-from gibench.study.quality import Group, Outcome, QualityOptions, check_views, columns, compare
+from gibench.study.quality import (
+    Group,
+    QualityOptions,
+    QualityOutcome,
+    check_views,
+    columns,
+    compare,
+)
 from gibench.study.receivers_file import NAME, write_receivers
 from gibench.study.settle import SettleOptions
 from gibench.work import Executor
@@ -60,6 +66,16 @@ class QualityResult:
                     values[f"{name} {channel}"] = column
             parts.append(pd.DataFrame({"group": group.name, **values}))
         return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+
+
+_ALSO_RECORDED = (
+    "light_frame",
+    "bounces",
+    "target_error",
+    "reference_seed",
+    "reference_paths",
+    "region",
+)
 
 
 def quality(
@@ -105,29 +121,14 @@ def quality(
         CannotRun: no work-group size asked suits any profile asked, or objects move.
         GibenchError: the folder cannot be written.
     """
-    arguments = asked.recorded(
-        *(locals(), "light_frame", "bounces", "target_error", "reference_seed"),
-        *("reference_paths", "region"),
-    )
+    given = locals()
+    arguments = asked.recorded(given, *_ALSO_RECORDED)
     arguments["reference"] = reference and Path(reference).name
-    shot = asked.shot_of(resolution, camera, camera_path, rest_frames, flight_frames, motion)
-    jobs = asked.jobs_of(
-        device_profile=device_profile,
-        scene=scene,
-        technique=technique,
-        variant=variant,
-        sh_order=sh_order,
-        probes=probes,
-        receivers=receivers,
-        workgroup_size=workgroup_size,
-        settings=settings,
-        shot=shot,
-        seed=seed,
-    )
-    if frames <= shot.flight.frames:
+    jobs = asked.jobs_of(given)
+    flight = jobs[0].shot.flight
+    if frames <= flight.frames:
         raise BadInput(
-            f"{frames} frames end before the camera is back from its flight of "
-            f"{shot.flight.frames}",
+            f"{frames} frames end before the camera is back from its flight of {flight.frames}",
             where="--frames",
             mend="give more, for light to settle after it",
         )
@@ -149,8 +150,7 @@ def quality(
     )
     check_views(jobs, how, shared)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
-    path = Path(out) if out else Path("results", "quality", default_folder(profiles).name)
-    folder = RunFolder.create(path, arguments)
+    folder = asked.folder_for(out, "quality", profiles, arguments)
     folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
     keeper = _Keeper(folder.path, several)
@@ -180,7 +180,7 @@ class _Keeper:
         write_pictures(beneath / "images", truth, name, group.results[name])
 
 
-def verdict(outcome: Outcome, folder: Path) -> GibenchError | None:
+def verdict(outcome: QualityOutcome, folder: Path) -> GibenchError | None:
     """What a comparison comes down to where it is not fine: it was interrupted, nothing could be
     compared (the first reason), or something failed.
     """

@@ -16,7 +16,7 @@ from gibench.measure.plan.grid import job_label
 from gibench.measure.plan.stopping import Plan
 from gibench.measure.run import Measured, verdict
 from gibench.measure.run import run as measure
-from gibench.measure.runfolder.folder import SAMPLES, RunFolder, default_folder
+from gibench.measure.runfolder.folder import SAMPLES, RunFolder
 from gibench.measure.runfolder.results import JobResult
 from gibench.measure.session.session import check_job
 from gibench.measure.session.shared import Shared
@@ -90,29 +90,17 @@ def run(
         CannotRun: no work-group size asked suits any profile asked.
         GibenchError: the folder cannot be written.
     """
-    arguments = asked.recorded(locals(), "warmup", "cold", "fit", "save_images")
+    given = locals()
+    arguments = asked.recorded(given, "warmup", "cold", "fit", "save_images")
     arguments["motion"] = printable(Path(motion).name)
-    shot = asked.shot_of(resolution, camera, camera_path, rest_frames, flight_frames, motion)
-    jobs = asked.jobs_of(
-        device_profile=device_profile,
-        scene=scene,
-        technique=technique,
-        variant=variant,
-        sh_order=sh_order,
-        probes=probes,
-        receivers=receivers,
-        workgroup_size=workgroup_size,
-        settings=settings,
-        shot=shot,
-        seed=seed,
-    )
+    jobs = asked.jobs_of(given)
     cl_device = select_cl_device(device)
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
     for job in jobs:
         check_job(job, shared)
-    plan = Plan(frames=frames or shot.flight.frames or None, warmup=warmup)
+    plan = Plan(frames=frames or jobs[0].shot.flight.frames or None, warmup=warmup)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
-    folder = RunFolder.create(Path(out) if out else default_folder(profiles), arguments)
+    folder = asked.folder_for(out, "runs", profiles, arguments)
     measured = measure(
         jobs,
         plan,

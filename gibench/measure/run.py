@@ -15,7 +15,7 @@ from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.record import begin_record, finish_record
 from gibench.measure.session.cold import CacheFlush
 from gibench.measure.session.interrupts import Interrupts
-from gibench.measure.session.loop import Outcome, TakeImages, run_jobs
+from gibench.measure.session.loop import RunOutcome, TakeImages, run_jobs
 from gibench.measure.session.shared import Shared
 from gibench.techniques.job import Job
 
@@ -34,7 +34,7 @@ class Measured:
 
     record: dict[str, Any]
     axes: tuple[Axis, ...]
-    outcome: Outcome
+    outcome: RunOutcome
 
 
 def run(
@@ -106,7 +106,7 @@ def run(
     return Measured(record, axes, outcome)
 
 
-def verdict(outcome: Outcome, folder: Path) -> GibenchError | None:
+def verdict(outcome: RunOutcome, folder: Path) -> GibenchError | None:
     """What a run comes down to where it is not fine: it was interrupted, nothing could run (the
     first reason), or something failed.
     """

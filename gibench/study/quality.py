@@ -100,7 +100,7 @@ class Group:
 
 
 @dataclass
-class Outcome:
+class QualityOutcome:
     """What came out.
 
     Attributes:
@@ -161,7 +161,7 @@ def compare(
     take: Take | None = None,
     keep: Keep | None = None,
     done: Container[int] = (),
-) -> Outcome:
+) -> QualityOutcome:
     """Settle every job and compare it with the reference of its receivers.
 
     Jobs that share receivers come next to each other, as ``grid`` has them. One that
@@ -182,7 +182,7 @@ def compare(
     """
     check_views(jobs, options, shared)
     names = result_names(jobs)
-    outcome = Outcome()
+    outcome = QualityOutcome()
     try:
         group, key = None, None
         for number, (job, name) in enumerate(zip(jobs, names, strict=True), 1):

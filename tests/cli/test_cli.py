@@ -81,7 +81,7 @@ BAD_INPUTS = {
     "frames -1": (["--frames", "-1"], 2, "--frames"),
     "frames 0": (["--frames", "0"], 2, "--frames"),
     "frames in words": (["--frames", "many"], 2, "--frames"),
-    "sh order 9": (["--sh-order", "9"], 2, "0 to 7"),
+    "sh order 9": (["--technique", "srp", "--sh-order", "9"], 2, "0 to 7"),
     "work-group 0": (["--workgroup-size", "0"], 2, "--workgroup-size"),
     "work-group 3000": (["--workgroup-size", "3000"], 2, "512"),
     "work-group 33": (["--workgroup-size", "33"], 3, "multiple"),

@@ -15,15 +15,19 @@ import gibench
 from gibench.cli import ab as cli_ab
 from gibench.cli import advise as cli_advise
 from gibench.cli import bake as cli_bake
+from gibench.cli import compare as cli_compare
 from gibench.cli import experiment as cli_experiment
 from gibench.cli import quality as cli_quality
+from gibench.cli import report as cli_report
 from gibench.cli import run as cli_run
 from gibench.cli.main import call
 from gibench.commands.ab import ab
 from gibench.commands.advise import advise
 from gibench.commands.bake import bake_ahead
+from gibench.commands.compare import compare
 from gibench.commands.experiment import experiment
 from gibench.commands.quality import quality
+from gibench.commands.report import make_report
 from gibench.commands.run import run
 from gibench.errors import BadInput
 from gibench.work import Serial, Threads
@@ -51,6 +55,12 @@ def test_the_page_s_examples_run(
         gi = ran.passes[ran.passes["stage"] == "gi"]
         assert set(gi["technique"]) == {"gibs"}
         assert (ran.frames["gi_ms"] > 0).tolist() == [True, True, False]
+        assert (tmp_path / "run" / "report.html").stat().st_size > 10_000
+        same = gibench.compare(ran.folder, ran.folder)
+        assert same.error is None and set(same.table["ratio"]) == {1.0}
+        assert gibench.make_report(ran.folder).text == (ran.folder / "report.md").read_text()
+        with pytest.raises(BadInput, match="no run to report"):
+            gibench.make_report(names["compared"].folder)  # type: ignore[attr-defined]
 
 
 def test_no_result_depends_on_the_executor(tmp_path: Path) -> None:
@@ -84,6 +94,8 @@ def test_no_result_depends_on_the_executor(tmp_path: Path) -> None:
         (advise, cli_advise.advise),
         (experiment, cli_experiment.experiment),
         (ab, cli_ab.ab),
+        (compare, cli_compare.compare),
+        (make_report, cli_report.report),
         (bake_ahead, cli_bake.bake),
     ],
 )
@@ -92,7 +104,7 @@ def test_python_takes_what_the_command_line_takes(called, command) -> None:
     mine, theirs = inspect.signature(called).parameters, inspect.signature(command).parameters
     renamed = {"moving": "motion"}
     options = {renamed.get(name, name): one.default for name, one in theirs.items()}
-    assert options.pop("quiet") is False
+    assert options.pop("quiet", False) is False
     for name in ("markdown", "json"):  # where the command line writes what Python returns
         assert options.pop(name, None) is None
     assert set(mine) - set(options) <= {"executor"} and set(options) <= set(mine)
@@ -109,6 +121,7 @@ def test_what_is_wrong_is_told_before_anything_long(tmp_path: Path) -> None:
         ({"settings": {"gibs": 1}}, "not technique.setting=value"),
         ({"workgroup_size": "big"}, "--workgroup-size 'big'"),
         ({"resolution": "64"}, "not WxH"),
+        ({"technique": []}, "nothing is asked for"),
     ):
         with pytest.raises(BadInput, match=re.escape(what)):
             gibench.run(out=tmp_path / "out", **options)

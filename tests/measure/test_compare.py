@@ -13,7 +13,7 @@ import pytest
 from support.run_folders import entry, record, write_run
 
 from gibench.cli.main import call
-from gibench.measure.compare.runs import compare_row
+from gibench.measure.compare.recorded import compare_row
 
 PASSES = ["one", "two"]
 

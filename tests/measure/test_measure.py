@@ -198,7 +198,7 @@ def test_settings_with_an_option_of_their_own_are_refused(
     sh_order: Any, probes: Any, told: str
 ) -> None:
     with pytest.raises(BadInput, match=told):
-        by_option(sh_order, probes)
+        grid([IPHONE], [find_technique("srp")], common=by_option(sh_order, probes))
 
 
 def test_any_setting_is_an_axis() -> None:
@@ -375,6 +375,7 @@ def test_default_folders_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert first.name.endswith("-iphone7+vega56")
     first.mkdir(parents=True)
     assert default_folder(["iphone7", "vega56"]) != first
+    assert default_folder(["vega56"], "quality").parent == Path("results", "quality")
 
 
 def test_the_environment_holds_nothing_personal(monkeypatch: pytest.MonkeyPatch) -> None:

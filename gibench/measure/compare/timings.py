@@ -11,7 +11,7 @@ import numpy as np
 
 from gibench.errors import BadInput
 from gibench.measure.compare.lockstep import FRAME
-from gibench.measure.compare.runs import RowKey, Timings
+from gibench.measure.compare.recorded import RowKey, Timings
 from gibench.measure.runfolder.axes import plain_settings, recorded_axes
 from gibench.measure.runfolder.folder import RECORD
 from gibench.measure.runfolder.stored_run import StoredRun, read_run

@@ -102,10 +102,10 @@ def sample_columns(axes: Sequence[str], counts: Sequence[str]) -> tuple[str, ...
     return (*KEYS, *axes, *SAMPLE, *counts, *SAMPLE_TAIL)
 
 
-def default_folder(profiles: Sequence[str]) -> Path:
-    """``results/runs/<UTC time>-<profile>`` beneath the working folder; never one that exists."""
+def default_folder(profiles: Sequence[str], kind: str = "runs") -> Path:
+    """``results/<kind>/<UTC time>-<profile>`` beneath the working folder; never one that exists."""
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    base = Path("results") / "runs" / f"{stamp}-{'+'.join(profiles)}"
+    base = Path("results") / kind / f"{stamp}-{'+'.join(profiles)}"
     path, turn = base, 2
     while path.exists():
         path, turn = base.with_name(f"{base.name}-{turn}"), turn + 1

@@ -14,7 +14,7 @@ from gibench.measure.plan.stopping import Plan
 from gibench.measure.runfolder.axes import Axis
 from gibench.measure.runfolder.folder import SCHEMA_VERSION
 from gibench.measure.session.cold import ColdFacts
-from gibench.measure.session.loop import Outcome
+from gibench.measure.session.loop import RunOutcome
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Roofs
 from gibench.profiles import DeviceProfile
@@ -76,7 +76,7 @@ def study_record(arguments: Mapping[str, Any], cl_device: Any) -> dict[str, Any]
 
 def finish_record(
     record: Mapping[str, Any],
-    outcome: Outcome,
+    outcome: RunOutcome,
     axes: Sequence[Axis],
     shared: Shared,
     roofs: Roofs | None,
@@ -103,7 +103,7 @@ def _roofs(start: Mapping[str, Any], end: Roofs | None) -> dict[str, Any]:
     }
 
 
-def _scenes(outcome: Outcome, shared: Shared) -> list[dict[str, Any]]:
+def _scenes(outcome: RunOutcome, shared: Shared) -> list[dict[str, Any]]:
     asked = dict.fromkeys(result.job.scene for result in outcome.results)
     scenes = [(name, shared.scene(name)) for name in asked]
     return [

@@ -39,7 +39,7 @@ ALIVE_SHARE = 0.25
 
 
 @dataclass
-class Outcome:
+class RunOutcome:
     """What became of a run.
 
     Attributes:
@@ -99,7 +99,7 @@ class Loop:
     shared: Shared
     cl_device: Any
     folder: RunFolder
-    outcome: Outcome
+    outcome: RunOutcome
     take_images: TakeImages | None
     flush: CacheFlush | None
     rng: np.random.Generator
@@ -117,7 +117,7 @@ def run_jobs(
     fit: bool = False,
     take_images: TakeImages | None = None,
     flush: CacheFlush | None = None,
-) -> Outcome:
+) -> RunOutcome:
     """Run every job; samples go to ``folder`` as they come.
 
     As many as fit into memory are alive at once and take turns in blocks of frames, in an order
@@ -141,7 +141,7 @@ def run_jobs(
         GibenchError: not even the head of the samples can be written.
     """
     names = {job.scene: check_job(job, shared).name for job in jobs}
-    outcome = Outcome([])
+    outcome = RunOutcome([])
     folder.start_samples([axis.column for axis in axes], steady_counts(declared_counts()))
     rng = np.random.default_rng(jobs[0].seed if jobs else 0)
     with Interrupts() as interrupts:
@@ -179,7 +179,7 @@ def run_jobs(
     return outcome
 
 
-def _not_reached(outcome: Outcome) -> str:
+def _not_reached(outcome: RunOutcome) -> str:
     why = "the run was interrupted" if outcome.interrupted else "samples could not be stored"
     return f"not reached: {why}"
 
@@ -293,7 +293,7 @@ def _count_work(live: Live) -> None:
         told.work = counted.get(told.name, told.work)
 
 
-def _let_go(alive: list[Live], outcome: Outcome) -> None:
+def _let_go(alive: list[Live], outcome: RunOutcome) -> None:
     """Free the devices' buffers before the next group's come; errors hold frames that hold them."""
     alive.clear()
     for result in outcome.results:

@@ -57,7 +57,7 @@ class Timings:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparedRow:
     """One row compared.
 
     Attributes:
@@ -93,7 +93,9 @@ def _only_in(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in a.items() if name not in b or b[name] != value}
 
 
-def compare(base: Timings, new: Timings, threshold: float, seed: int = 0) -> list[Comparison]:
+def compare_recorded(
+    base: Timings, new: Timings, threshold: float, seed: int = 0
+) -> list[ComparedRow]:
     """Every row that both sides have times of, in the baseline's order."""
     rng = np.random.default_rng(seed)
     return [
@@ -109,7 +111,7 @@ def compare_row(
     new: Sequence[npt.NDArray[np.float64]],
     threshold: float,
     rng: np.random.Generator,
-) -> Comparison:
+) -> ComparedRow:
     """One row: times of every process of both sides, ms."""
     old_ms, new_ms = _level(base), _level(new)
     ratio = math.log(new_ms / old_ms) if old_ms > 0 and new_ms > 0 else math.nan
@@ -117,7 +119,7 @@ def compare_row(
     assumed = min(counts) < FEW_PROCESSES
     if math.isnan(ratio):
         judged = Judged(ratio, 0.0, math.inf, "ambiguous", min(counts))
-        return Comparison(key, old_ms, new_ms, judged, counts, assumed)
+        return ComparedRow(key, old_ms, new_ms, judged, counts, assumed)
     drawn = np.log(_draws(new, rng)) - np.log(_draws(base, rng))
     off = drawn - ratio
     if assumed:
@@ -136,7 +138,7 @@ def compare_row(
         verdict_of(float(low), float(high), threshold),
         min(counts),
     )
-    return Comparison(key, old_ms, new_ms, judged, counts, assumed)
+    return ComparedRow(key, old_ms, new_ms, judged, counts, assumed)
 
 
 def _level(processes: Sequence[npt.NDArray[np.float64]]) -> float:
