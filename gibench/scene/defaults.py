@@ -80,7 +80,7 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
         warnings=(*content.warnings, *mesh.warnings),
         cutouts=_cutouts_of(mesh, content),
     )
-    scene = replace(scene, probes=replace(scene.probes, count=probes))
+    scene = replace(scene, probes=replace(scene.probes, count=probes, automatic=True))
     if not scene.lights and not glows(scene.materials, scene.material_ids):
         scene = replace(scene, lights=(SUN,), environment=SKY)
     if not scene.cameras:

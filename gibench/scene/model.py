@@ -246,10 +246,13 @@ class ProbeSettings:
     Attributes:
         count: number of probes SRP places unless told otherwise.
         positions: (p, 3) given by hand, or None to place them.
+        automatic: nobody chose ``count``: techniques take what the scene's geometry wants.
     """
 
     count: int = 100
     positions: Floats | None = field(default=None, repr=False)
+    # Not in the representation, which is hashed: geometry and count say what comes of it.
+    automatic: bool = field(default=False, repr=False)
 
 
 @dataclass(frozen=True)

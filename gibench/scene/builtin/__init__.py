@@ -1,7 +1,7 @@
 """The built-in scenes: small ones described in data files, large ones generated.
 
 ``scenes/builtin/NAME.toml`` holds a scene's settings: lights, environment, cameras, number of
-probes and receivers, and the parameters of its geometry.
+receivers and mostly of probes, and the parameters of its geometry.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from gibench.errors import BadInput
-from gibench.scene.builtin import atrium, box_room, hall, two_rooms
+from gibench.scene.builtin import atrium, box_room, hall, kinds, two_rooms
 from gibench.scene.builtin.pieces import Piece
 from gibench.scene.builtin.settings import Settings, assemble, read_settings
 from gibench.scene.model import Scene
@@ -21,11 +21,17 @@ _MAKERS: dict[str, Callable[[Settings], list[Piece]]] = {
     "two-rooms": two_rooms.parts,
     "hall": hall.parts,
     "atrium": atrium.parts,
+    "church": kinds.church,
+    "maze": kinds.maze,
+    "street": kinds.street,
+    "thin-house": kinds.thin_house,
+    "big-hall": kinds.big_hall,
+    "vase": kinds.one_object,
 }
 
 
 def names() -> list[str]:
-    """The names of the built-in scenes, simplest first."""
+    """The names of the built-in scenes: simplest first, then the kinds that defaults must suit."""
     return list(_MAKERS)
 
 

@@ -17,6 +17,7 @@ from gibench.arrays import Vec3
 from gibench.resources import data
 from gibench.scene.builtin.patterns import pattern
 from gibench.scene.builtin.pieces import Piece
+from gibench.scene.defaults import suggested_sizes
 from gibench.scene.model import (
     Camera,
     Environment,
@@ -44,7 +45,7 @@ class Settings:
     Attributes:
         name: of the scene.
         receivers: number of receivers to aim for.
-        probes: number of probes.
+        probes: number of probes, or None where it says none.
         lights: as in the file, directions made unit.
         environment: light from outside.
         cameras: the main one first.
@@ -57,7 +58,7 @@ class Settings:
 
     name: str
     receivers: int
-    probes: int
+    probes: int | None
     lights: tuple[Light, ...]
     environment: Environment = field(repr=False)
     cameras: tuple[Camera, ...]
@@ -78,7 +79,9 @@ def read_settings(name: str) -> Settings:
     textures: list[Texture] = []
     materials: dict[str, Material] = {}
     for n, color in colors.items():
-        if isinstance(color, dict):
+        if isinstance(color, dict) and "emission" in color:
+            materials[n] = Material(n, _vec3(color["color"]), _vec3(color["emission"]))
+        elif isinstance(color, dict):
             materials[n] = Material(n, (1.0, 1.0, 1.0), texture=len(textures))
             textures.append(pattern(n, color["pattern"], [_vec3(c) for c in color["colors"]]))
         else:
@@ -91,7 +94,7 @@ def read_settings(name: str) -> Settings:
     return Settings(
         name=name,
         receivers=int(table.pop("receivers")),
-        probes=int(table.pop("probes")["count"]),
+        probes=int(table.pop("probes")["count"]) if "probes" in table else None,
         lights=tuple(read_light(e, label=label, where=where) for label, e in tables("light")),
         environment=read_environment(table.pop("environment"), where=where, folder=Path()),
         cameras=tuple(read_camera(e, label=label, where=where) for label, e in tables("camera")),
@@ -106,6 +109,12 @@ def read_settings(name: str) -> Settings:
 def _vec3(values: Any) -> Vec3:
     x, y, z = values
     return float(x), float(y), float(z)
+
+
+def _probes(count: int | None, triangles: int) -> ProbeSettings:
+    if count is not None:
+        return ProbeSettings(count)
+    return ProbeSettings(suggested_sizes(triangles)[1], automatic=True)
 
 
 def assemble(settings: Settings, parts: list[Piece]) -> Scene:
@@ -129,7 +138,7 @@ def assemble(settings: Settings, parts: list[Piece]) -> Scene:
         lights=settings.lights,
         environment=settings.environment,
         cameras=settings.cameras,
-        probes=ProbeSettings(settings.probes),
+        probes=_probes(settings.probes, len(triangles)),
         receivers=settings.receivers,
         regions=settings.regions,
         object_names=tuple(objects),

@@ -1,0 +1,77 @@
+"""One cause at a time: a technique's bias and error on a scene, with one setting changed.
+
+    python tests/benchmarks/one_cause.py SCENE TECHNIQUE [SETTING=VALUE[,SETTING=VALUE] ...]
+
+Every argument after the technique is a configuration beside the default one.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from gibench.device.device import select_cl_device
+from gibench.measure.plan.grid import grid
+from gibench.profiles import load_profile
+from gibench.study.errors import errors, errors_among
+from gibench.study.frozen import FrozenShared
+from gibench.study.quality import QualityOptions, group_of
+from gibench.study.settle import SettleOptions, settle
+from gibench.techniques.job import Job, Shot
+from gibench.techniques.registry import find_technique
+
+CACHE = Path("/tmp/gibench-one-cause")
+
+
+def job_of(scene: str, technique: str, text: str, receivers: int, shot: Shot) -> Job:
+    """The job of a configuration as typed; ``-`` is the default one."""
+    values = dict(pair.split("=", 1) for pair in text.split(";") if "=" in pair)
+    (job,) = grid(
+        [load_profile("vega56")],
+        [find_technique(technique)],
+        scenes=(scene,),
+        settings={technique: {name: (value,) for name, value in values.items()}},
+        receivers=(receivers,),
+        shot=shot,
+    )
+    return job
+
+
+def main(scene: str, technique: str, *configurations: str) -> None:
+    """Print a line for each configuration."""
+    receivers, frames, image = 3000, 512, (32, 18)
+    extra: list[str] = []
+    for text in configurations:
+        if text.startswith("--receivers="):
+            receivers = int(text.partition("=")[2])
+        elif text.startswith("--frames="):
+            frames = int(text.partition("=")[2])
+        elif text.startswith("--image="):
+            width, height = text.partition("=")[2].split("x")
+            image = int(width), int(height)
+        else:
+            extra.append(text)
+    shared, device = FrozenShared(CACHE, 0), select_cl_device(None)
+    options = QualityOptions(SettleOptions(frames), target_error=0.03, flip=False)
+    for text in ("-", *extra):
+        job = job_of(scene, technique, text, receivers, Shot(*image))
+        group = group_of(job, options, shared)
+        begin = time.process_time()
+        settled = settle(job, options.settle, shared, device)
+        spent = time.process_time() - begin
+        found = errors(group.truth, settled.irradiance, {}, with_flip=False)["whole"]
+        covered = errors_among(group.truth, settled.irradiance, settled.covered)
+        print(
+            f"{scene} {technique} {text}: bias {100 * found['bias'].value:+.1f} % "
+            f"(+-{100 * found['bias'].noise:.1f}, covered {100 * covered['bias'].value:+.1f}), "
+            f"rel L2 {100 * found['rel_l2'].value:.1f} %, "
+            f"{settled.frames} frames{'' if settled.settled else ' (not settled)'}, "
+            f"uncovered {100 * (~settled.covered).mean():.0f} %, {settled.counts}, "
+            f"{settled.memory_bytes / 2**20:.0f} MiB, {spent:.0f} CPU s",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
