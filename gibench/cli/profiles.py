@@ -21,6 +21,8 @@ gibench profiles
 gibench profiles show iphone7
 
 gibench profiles show iphone7 --toml > mine.toml
+
+gibench profiles check mine.toml
 """
 
 app = typer.Typer(rich_markup_mode=None)
@@ -65,7 +67,7 @@ def show(
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.profiles import load_profile, profile_text
+    from gibench.profiles import MACHINE_FIGURES, load_profile, profile_text
     from gibench.report.terminal import console
 
     profile = load_profile(name)
@@ -79,4 +81,43 @@ def show(
         table.add_row(key, f"{figure.value:,.10g}", escape(figure.source))
     out = console()
     out.print(table)
+    if profile.machine is not None:
+        shown = Table("machine", title="What times are projected from", title_justify="left")
+        for heading in ("low", "nominal", "high"):
+            shown.add_column(heading, justify="right", no_wrap=True)
+        shown.add_column("source", overflow="fold")
+        for key in MACHINE_FIGURES:
+            each = getattr(profile.machine, key)
+            numbers = (f"{number:,.10g}" for number in (each.low, each.nominal, each.high))
+            shown.add_row(key, *numbers, escape(each.source))
+        out.print(shown)
     out.print(f"SHA-256 {profile.content_hash}", soft_wrap=True)
+
+
+@app.command()
+def check(
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="Profile to check.")],
+) -> None:
+    """Check a profile: a line for every fault, and what its machine part says."""
+    from gibench.errors import BadInput
+    from gibench.profiles import MACHINE_FIGURES, profile_text, read_profile
+
+    profile, faults = read_profile(profile_text(name), where=name)
+    if profile is None:
+        for fault in faults[:-1]:
+            typer.echo(f"gibench: {fault}", err=True)
+        raise faults[-1]
+    if profile.machine is None:
+        raise BadInput(
+            "has no machine part: limits hold, nothing can be projected",
+            where=name,
+            mend=f"add [machine] with {', '.join(MACHINE_FIGURES)}",
+        )
+    intervals = {key: getattr(profile.machine, key) for key in MACHINE_FIGURES}
+    estimated = [key for key, each in intervals.items() if each.estimated]
+    widest = max(intervals, key=lambda key: intervals[key].spread)
+    typer.echo(
+        f"{profile.name}: sound; {len(intervals)} figures of the machine, {len(estimated)} of them "
+        f"estimates; the least known is {widest} ({intervals[widest].spread:.3g} times from low to "
+        "high)"
+    )

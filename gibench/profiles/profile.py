@@ -3,12 +3,14 @@
 A profile is a file of figures. Each figure is a table with a ``value`` and a ``source`` (a
 publication, a data sheet, or the word ``estimate``). Two kinds of figure: limits, which gibench
 enforces on whatever device executes, and rates (bandwidth, FLOP/s), which describe the modelled
-device and are only ever reported.
+device and are only ever reported. A ``[machine]`` table may follow, from which times on the device
+are projected (:mod:`gibench.profiles.machine`).
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from gibench.errors import BadInput
+from gibench.profiles.machine import Machine, read_machine
 
 SCHEMA_VERSION = 1
 
@@ -47,7 +50,10 @@ class DeviceProfile:
         bandwidth_gb_per_s: peak DRAM bandwidth; reported only.
         dispatch_us: cost of one dispatch; reported only.
         figures: every figure above with its source, by field name.
-        content_hash: SHA-256 of the file, for the run record.
+        content_hash: SHA-256 of the file without its machine part, for the run record: no
+            measurement depends on that part.
+        machine: what times are projected from, None where the file has no such part.
+        machine_hash: SHA-256 of the whole file.
     """
 
     name: str
@@ -64,6 +70,8 @@ class DeviceProfile:
     dispatch_us: float
     figures: Mapping[str, Figure]
     content_hash: str
+    machine: Machine | None = None
+    machine_hash: str = ""
 
     def workgroup_size_problem(self, size: int) -> str | None:
         """Why a work-group of ``size`` cannot run on this profile, or None when it can."""
@@ -104,7 +112,7 @@ def unlimited_profile() -> DeviceProfile:
     )
 
 
-_NOT_FIGURES = {"name", "title", "figures", "content_hash"}
+_NOT_FIGURES = {"name", "title", "figures", "content_hash", "machine", "machine_hash"}
 _FRACTIONAL = {"fp32_gflop_per_s", "bandwidth_gb_per_s", "dispatch_us"}
 _FIGURE_NAMES = tuple(f.name for f in fields(DeviceProfile) if f.name not in _NOT_FIGURES)
 
@@ -151,6 +159,9 @@ def profile_text(name_or_path: str) -> str:
         raise BadInput(f"cannot be read as text ({error})", where=path) from error
 
 
+_MACHINE = re.compile(r"\n\[machine\]\n.*?(?=^\[(?!machine)|\Z)", re.MULTILINE | re.DOTALL)
+
+
 def parse_profile(text: str, *, where: str) -> DeviceProfile:
     """Parse a profile's TOML text.
 
@@ -161,27 +172,55 @@ def parse_profile(text: str, *, where: str) -> DeviceProfile:
     Raises:
         BadInput: bad TOML, a missing, unknown or senseless figure, or a figure without a source.
     """
+    profile, faults = read_profile(text, where=where)
+    if profile is None or faults:
+        raise faults[0]
+    return profile
+
+
+def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[BadInput]]:
+    """Parse a profile's TOML text and tell everything that is wrong with it.
+
+    Returns:
+        The profile, None where anything is wrong; all that is wrong.
+    """
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"not valid TOML ({error})", where=where) from error
+        return None, [BadInput(f"not valid TOML ({error})", where=where)]
+    faults = []
     if table.get("schema_version") != SCHEMA_VERSION:
-        raise BadInput(
-            f"schema_version is {table.get('schema_version')!r}",
-            where=where,
-            mend=f"this gibench reads schema_version = {SCHEMA_VERSION}",
+        faults.append(
+            BadInput(
+                f"schema_version is {table.get('schema_version')!r}",
+                where=where,
+                mend=f"this gibench reads schema_version = {SCHEMA_VERSION}",
+            )
         )
     for key in ("name", "title"):
         if not isinstance(table.get(key), str) or not table[key].strip():
-            raise BadInput(f"'{key}' is missing", where=where, mend=f'add {key} = "..."')
-    known = {"schema_version", "name", "title", *_FIGURE_NAMES}
-    if unknown := sorted(set(table) - known):
-        raise BadInput(
-            f"unknown figure '{unknown[0]}'",
+            faults.append(BadInput(f"'{key}' is missing", where=where, mend=f'add {key} = "..."'))
+    known = {"schema_version", "name", "title", "machine", *_FIGURE_NAMES}
+    faults += [
+        BadInput(
+            f"unknown figure '{name}'",
             where=where,
             mend=f"the figures are {', '.join(_FIGURE_NAMES)}",
         )
-    figures = {name: _figure(table, name, where) for name in _FIGURE_NAMES}
+        for name in sorted(set(table) - known)
+    ]
+    figures: dict[str, Figure] = {}
+    for name in _FIGURE_NAMES:
+        try:
+            figures[name] = _figure(table, name, where)
+        except BadInput as error:
+            faults.append(error)
+    machine = None
+    if "machine" in table:
+        machine, wrong = read_machine(table["machine"], where)
+        faults += wrong
+    if faults:
+        return None, faults
     values = {
         name: figure.value if name in _FRACTIONAL else int(figure.value)
         for name, figure in figures.items()
@@ -190,18 +229,22 @@ def parse_profile(text: str, *, where: str) -> DeviceProfile:
         name=table["name"],
         title=table["title"],
         figures=figures,
-        content_hash=hashlib.sha256(text.encode()).hexdigest(),
+        content_hash=hashlib.sha256(_MACHINE.sub("", text).encode()).hexdigest(),
+        machine=machine,
+        machine_hash=hashlib.sha256(text.encode()).hexdigest(),
         **values,  # type: ignore[arg-type]
     )
     if profile.max_buffer_bytes > profile.memory_budget_bytes:
-        raise BadInput(
-            "max_buffer_bytes is larger than memory_budget_bytes",
-            where=where,
-            mend="lower the one or raise the other",
+        faults.append(
+            BadInput(
+                "max_buffer_bytes is larger than memory_budget_bytes",
+                where=where,
+                mend="lower the one or raise the other",
+            )
         )
     if problem := profile.workgroup_size_problem(profile.default_workgroup_size):
-        raise BadInput(f"default_workgroup_size: {problem}", where=where)
-    return profile
+        faults.append(BadInput(f"default_workgroup_size: {problem}", where=where))
+    return (None, faults) if faults else (profile, [])
 
 
 def _figure(table: Mapping[str, Any], name: str, where: str) -> Figure:

@@ -13,14 +13,15 @@ from gibench.profiles import built_in_profiles, load_profile
 IPHONE = built_in_profiles()["iphone7"]
 
 
-@pytest.mark.parametrize("name", ("iphone7", "radeon560", "vega56"))
+@pytest.mark.parametrize("name", sorted(built_in_profiles()))
 def test_built_in_profiles_are_sound_and_sourced(name: str) -> None:
     profile = load_profile(name)
     assert profile.name == name
     assert len(profile.figures) == 10
     assert all(len(figure.source) >= len("estimate") for figure in profile.figures.values())
     assert profile.workgroup_size_problem(profile.default_workgroup_size) is None
-    assert profile.content_hash == hashlib.sha256(built_in_profiles()[name].encode()).hexdigest()
+    limits = built_in_profiles()[name].partition("\n[machine]\n")[0]
+    assert profile.content_hash == hashlib.sha256(limits.encode()).hexdigest()
 
 
 def test_a_file_of_ones_own_works_by_path(tmp_path: Path) -> None:
@@ -72,7 +73,7 @@ def test_a_binary_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_unknown_profile_names_those_there_are() -> None:
-    with pytest.raises(BadInput, match="iphone7, radeon560, vega56"):
+    with pytest.raises(BadInput, match="iphone7, mali-g78, r9-295x2"):
         load_profile("nokia3310")
 
 
