@@ -18,10 +18,10 @@ from gibench.measure.runfolder.record import study_record
 from gibench.report.advice import advice_report, plot_advice
 from gibench.report.tables import csv_text
 from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
-from gibench.study.frozen import FrozenShared
 from gibench.study.quality import QualityOptions, check_views, columns, compare
 from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
+from gibench.study.site import Site
 from gibench.techniques.registry import techniques
 from gibench.work import Executor
 
@@ -68,7 +68,8 @@ def advise(
     """Try techniques and settings on a scene, as ``gibench advise`` does; its help says what
     everything is.
 
-    ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
+    ``executor`` computes what is baked and what is tried (:mod:`gibench.work.executors`); no result
+    depends on it, and frames are timed one setting at a time.
 
     Raises:
         BadInput: an input is wrong.
@@ -87,7 +88,8 @@ def advise(
     check_settings_names(specs, chosen)
     by_option = asked.by_option(sh_order, probes)
     cl_device = select_cl_device(device)
-    shared = FrozenShared(asked.cache_folder(cache_dir), seed, executor, light_frame=light_frame)
+    site = Site(asked.cache_folder(cache_dir), seed, device, executor)
+    shared = site.standing(light_frame)
     own = shared.scene(scene).receivers
     shares = tuple(max(1, round(own * share)) for share in RECEIVER_SHARES)
     jobs = sweep(
@@ -104,11 +106,12 @@ def advise(
     )
     how = QualityOptions(
         SettleOptions(frames),
+        light_frame=light_frame,
         target_error=target_error,
         reference_paths=reference_paths,
         flip=False,  # none of its tables shows it
     )
-    check_views(jobs, how, shared)
+    check_views(jobs, how, site)
     folder = asked.folder_for(out, "advice", [profile.name], arguments)
     folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
@@ -116,9 +119,9 @@ def advise(
     outcome = compare(
         jobs,
         how,
-        shared,
-        cl_device,
-        axes,
+        site,
+        axes=axes,
+        executor=executor,
         keep=lambda number, rows: kept.add([{"number": number, **row} for row in rows]),
         done={number for number in range(1, len(jobs) + 1) if kept.done({"number": number})},
     )

@@ -16,6 +16,7 @@ from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
 from gibench.study.experiments.common import Context, run_experiment
 from gibench.study.quality import check_target_error
+from gibench.study.site import Site
 from gibench.work import Executor
 
 
@@ -50,7 +51,8 @@ def experiment(
     """Repeat one of the papers' experiments, as ``gibench experiment`` does; its help says what
     everything is.
 
-    ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
+    ``executor`` computes what is baked and the experiment's points
+    (:mod:`gibench.work.executors`); no result depends on it, and frames are timed one at a time.
 
     Raises:
         BadInput: an input is wrong, or the folder holds another experiment.
@@ -79,17 +81,13 @@ def experiment(
     folder = RunFolder.create(Path(out) if out else own, arguments)
     folder.write_record(study_record(arguments, cl_device))
     context = Context(
-        folder=folder,
         profiles=tuple(profiles),
-        cache=cache,
-        cl_device=cl_device,
+        site=Site(cache, seed, device, executor),
         scenes=scenes,
         quick=quick,
         frames=frames,
         resolution=image,
         target_error=target_error,
         reference_paths=reference_paths,
-        seed=seed,
-        executor=executor,
     )
-    return ExperimentResult(folder.path, run_experiment(chosen, context))
+    return ExperimentResult(folder.path, run_experiment(chosen, context, folder, executor))

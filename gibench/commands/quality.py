@@ -18,7 +18,6 @@ from gibench.measure.runfolder.axes import axes_of
 from gibench.measure.runfolder.record import study_record
 from gibench.report.quality import quality_report, quality_table
 from gibench.report.tables import csv_text
-from gibench.study.frozen import FrozenShared
 from gibench.study.pictures import write_pictures
 from gibench.study.quality import (
     Group,
@@ -30,6 +29,7 @@ from gibench.study.quality import (
 )
 from gibench.study.receivers_file import NAME, write_receivers
 from gibench.study.settle import SettleOptions
+from gibench.study.site import Site
 from gibench.work import Executor
 
 
@@ -114,7 +114,8 @@ def quality(
     A configuration that cannot run has its reason in the table and the others go on; what the
     command line would end with is in ``error``.
 
-    ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
+    ``executor`` computes what is baked and what is compared (:mod:`gibench.work.executors`); no
+    result depends on it, and frames are timed one configuration at a time.
 
     Raises:
         BadInput: an input is wrong.
@@ -133,7 +134,7 @@ def quality(
             mend="give more, for light to settle after it",
         )
     cl_device = select_cl_device(device)
-    shared = FrozenShared(asked.cache_folder(cache_dir), seed, executor, light_frame=light_frame)
+    site = Site(asked.cache_folder(cache_dir), seed, device, executor)
     several = len({(job.scene, job.receivers) for job in jobs}) > 1
     if reference is not None and several:
         raise BadInput(
@@ -141,6 +142,7 @@ def quality(
         )
     how = QualityOptions(
         settle=SettleOptions(frames),
+        light_frame=light_frame,
         bounces=bounces,
         target_error=target_error,
         regions=asked.several(region),
@@ -148,15 +150,16 @@ def quality(
         reference_seed=reference_seed,
         reference_paths=reference_paths,
     )
-    check_views(jobs, how, shared)
+    check_views(jobs, how, site)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
     folder = asked.folder_for(out, "quality", profiles, arguments)
     folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
     keeper = _Keeper(folder.path, several)
-    outcome = compare(jobs, how, shared, cl_device, axes, keeper)
+    outcome = compare(jobs, how, site, axes=axes, executor=executor, take=keeper)
     table = quality_table(outcome.rows, columns(axes))
     if outcome.rows:
+        shared = site.standing(light_frame)
         scenes = [shared.scene(name) for name in dict.fromkeys(job.scene for job in jobs)]
         warnings = {found.name: found.warnings for found in scenes}
         folder.write_text("quality.csv", csv_text(table))

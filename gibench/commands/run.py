@@ -84,6 +84,7 @@ def run(
     the tables and the others go on; what the command line would end with is in ``error``.
 
     ``executor`` computes what is baked (:mod:`gibench.work.executors`); no result depends on it.
+    Frames are timed one at a time, configurations in turns, whatever it is.
 
     Raises:
         BadInput: an input is wrong.

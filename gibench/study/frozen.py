@@ -36,6 +36,7 @@ class FrozenShared(Shared):
 
     def scene(self, name_or_path: str) -> Scene:
         """The scene with its lights standing still (see :meth:`Shared.scene`)."""
-        if name_or_path not in self._frozen:
-            self._frozen[name_or_path] = frozen(super().scene(name_or_path), self.light_frame)
-        return self._frozen[name_or_path]
+        with self._lock:
+            if name_or_path not in self._frozen:
+                self._frozen[name_or_path] = frozen(super().scene(name_or_path), self.light_frame)
+            return self._frozen[name_or_path]

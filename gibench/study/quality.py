@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,11 @@ from gibench.study.hidden import open_receivers
 from gibench.study.receivers_file import read_reference
 from gibench.study.regions import WHOLE, Mask, read_regions
 from gibench.study.settle import Settled, SettleOptions, refuse_motion, settle
+from gibench.study.site import Site
 from gibench.study.through_camera import view
 from gibench.techniques.job import Job
 from gibench.techniques.registry import declared_counts
+from gibench.work import Executor, Serial, Worker, run_in_order
 
 DEFAULT_TARGET_ERROR = 0.02
 """Mean standard error over mean irradiance; the bias over many receivers is known far better."""
@@ -55,6 +58,7 @@ class QualityOptions:
 
     Attributes:
         settle: when a technique counts as settled.
+        light_frame: the lights stand still where they are in this frame.
         bounces: of the reference; None for any number.
         target_error: of the reference, mean standard error over mean irradiance.
         regions: as typed (see :func:`gibench.study.regions.read_regions`).
@@ -65,6 +69,7 @@ class QualityOptions:
     """
 
     settle: SettleOptions = field(default_factory=SettleOptions)
+    light_frame: int = 0
     bounces: int | None = None
     target_error: float = DEFAULT_TARGET_ERROR
     regions: tuple[str, ...] = ()
@@ -74,7 +79,7 @@ class QualityOptions:
     flip: bool = True
 
 
-@dataclass
+@dataclass(eq=False)
 class Group:
     """Configurations on the same receivers: one ``receivers.npz``.
 
@@ -134,7 +139,7 @@ def check_target_error(target: float) -> None:
         )
 
 
-def check_views(jobs: Sequence[Job], options: QualityOptions, shared: FrozenShared) -> None:
+def check_views(jobs: Sequence[Job], options: QualityOptions, site: Site) -> None:
     """Refuse what is wrong with scenes, cameras and regions before anything long.
 
     Raises:
@@ -145,19 +150,60 @@ def check_views(jobs: Sequence[Job], options: QualityOptions, shared: FrozenShar
     check_paths(options.reference_paths, "--reference-paths")
     for job in jobs:
         refuse_motion(job.shot)
-        scene = shared.scene(job.scene)
+        scene = site.standing(options.light_frame).scene(job.scene)
         camera = choose_camera(scene, job.shot.camera)
         read_regions(scene, camera, options.regions, job.shot.width, job.shot.height)
     if options.reference is not None and not options.reference.is_file():
         raise BadInput("no such file", where=options.reference)
 
 
+@dataclass(frozen=True)
+class _Unit:
+    """A job to compare: plain data.
+
+    Attributes:
+        job: the job.
+        result: its result's name.
+        number: counted from 1.
+        of: how many there are.
+    """
+
+    job: Job
+    result: str
+    number: int
+    of: int
+
+    @property
+    def name(self) -> str:
+        """In messages."""
+        return self.result
+
+
+@dataclass(frozen=True)
+class _Study:
+    """What all jobs of a comparison share: plain data."""
+
+    options: QualityOptions
+    site: Site
+    axes: Sequence[Axis]
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """What became of a job: rows, and its irradiance (n, 3) or why there is none."""
+
+    rows: list[dict[str, Any]]
+    irradiance: Doubles | None = None
+    error: GibenchError | None = None
+
+
 def compare(
     jobs: Sequence[Job],
     options: QualityOptions,
-    shared: FrozenShared,
-    cl_device: Any,
+    site: Site,
+    *,
     axes: Sequence[Axis] = (),
+    executor: Executor | None = None,
     take: Take | None = None,
     keep: Keep | None = None,
     done: Container[int] = (),
@@ -170,9 +216,10 @@ def compare(
     Args:
         jobs: to compare.
         options: how.
-        shared: scenes with standing lights.
-        cl_device: where techniques run.
+        site: where techniques run.
         axes: settings with a column of their own.
+        executor: computes the jobs, one after another by default; frames, which are timed, run one
+            job at a time whatever it is.
         take: called with the group and the result's name whenever a result is there.
         keep: called with a job's number, counted from 1, and its rows as soon as they are there.
         done: numbers of configurations that are left out, as their rows are kept from before.
@@ -180,45 +227,63 @@ def compare(
     Raises:
         BadInput: the scene, camera, a region, the reference's file or its target error is wrong.
     """
-    check_views(jobs, options, shared)
+    check_views(jobs, options, site)
     names = result_names(jobs)
     outcome = QualityOutcome()
+
+    def told(unit: _Unit, found: _Compared) -> None:
+        group = group_of(unit.job, options, site)
+        if group not in outcome.groups:
+            outcome.groups.append(group)
+        outcome.first_error = outcome.first_error or found.error
+        outcome.rows += found.rows
+        if keep is not None:
+            keep(unit.number, found.rows)
+        if found.irradiance is not None:
+            group.results[unit.result] = found.irradiance
+            if take is not None:
+                take(group, unit.result)
+
+    units = [
+        _Unit(job, name, number, len(jobs))
+        for number, (job, name) in enumerate(zip(jobs, names, strict=True), 1)
+        if number not in done
+    ]
+    one_by_one = Serial(says_unit=False)
     try:
-        group, key = None, None
-        for number, (job, name) in enumerate(zip(jobs, names, strict=True), 1):
-            if number in done:
-                continue
-            if group is None or key != (job.scene, job.receivers):
-                key = job.scene, job.receivers
-                group = group_of(job, options, shared)
-                outcome.groups.append(group)
-            try:
-                among = f"{number} of {len(jobs)}"
-                settled = settle(job, options.settle, shared, cl_device, among)
-            except GibenchError as error:
-                outcome.first_error = outcome.first_error or error
-                rows = [_refused(job, group, options, shared, name, error)]
-            else:
-                rows = rows_of(settled, group, options, shared, name)
-            for row in rows:
-                row |= axis_values(job, axes)
-                group.results[name] = settled.irradiance
-            outcome.rows += rows
-            if keep is not None:
-                keep(number, rows)
-            if take is not None and name in group.results:
-                take(group, name)
+        run_in_order(executor or one_by_one, _compared, _Study(options, site, axes), units, told)
     except KeyboardInterrupt:
         outcome.interrupted = True
     return outcome
 
 
-def group_of(job: Job, options: QualityOptions, shared: FrozenShared) -> Group:
-    """The receivers of ``job`` and their reference, path-traced or from a file.
+def _compared(study: _Study, unit: _Unit, worker: Worker) -> _Compared:
+    """Settle one job and hold it against the truth."""
+    options, site, job = study.options, study.site, unit.job
+    group = group_of(job, options, site)
+    shared = site.standing(options.light_frame)
+    among = f"{unit.number} of {unit.of}"
+    try:
+        settled = settle(job, options.settle, shared, site.cl_device, worker, among)
+    except GibenchError as error:
+        row = _refused(job, group, options, unit.result, error)
+        return _Compared([row | axis_values(job, study.axes)], error=error)
+    rows = rows_of(settled, group, options, unit.result)
+    return _Compared([row | axis_values(job, study.axes) for row in rows], settled.irradiance)
+
+
+def group_of(job: Job, options: QualityOptions, site: Site) -> Group:
+    """The receivers of ``job`` and their reference, path-traced or from a file; the same object for
+    the same receivers, as long as the site is kept.
 
     Raises:
         BadInput: a target error, bounces, region or file that is wrong.
     """
+    key = "group", job.scene, job.receivers, job.shot, options
+    return site.kept(key, partial(_new_group, job, options, site.standing(options.light_frame)))
+
+
+def _new_group(job: Job, options: QualityOptions, shared: FrozenShared) -> Group:
     scene, shot = shared.scene(job.scene), job.shot
     camera = choose_camera(scene, shot.camera)
     receivers = job.receivers or scene.receivers
@@ -227,7 +292,7 @@ def group_of(job: Job, options: QualityOptions, shared: FrozenShared) -> Group:
         "scene": scene.content_hash(),
         "scene_name": scene.name,
         "light": hashlib.sha256(repr(scene.lights).encode()).hexdigest(),
-        "light_frame": shared.light_frame,
+        "light_frame": options.light_frame,
         "bounces": options.bounces,
     }
     if options.reference is not None:
@@ -253,11 +318,11 @@ def group_of(job: Job, options: QualityOptions, shared: FrozenShared) -> Group:
 
 
 def rows_of(
-    settled: Settled, group: Group, options: QualityOptions, shared: FrozenShared, name: str
+    settled: Settled, group: Group, options: QualityOptions, name: str
 ) -> list[dict[str, Any]]:
     """One row of :func:`columns` per region."""
     found = errors(group.truth, settled.irradiance, group.regions, with_flip=options.flip)
-    common = _keys(settled.job, group, options, shared, name) | {
+    common = _keys(settled.job, group, options, name) | {
         "time_ms": settled.times.median_ms,
         "memory_bytes": settled.memory_bytes,
         **{name: settled.counts.get(name) for name in declared_counts()},
@@ -347,7 +412,6 @@ def _keys(
     job: Job,
     group: Group,
     options: QualityOptions,
-    shared: FrozenShared,
     name: str,
 ) -> dict[str, Any]:
     return {
@@ -360,7 +424,7 @@ def _keys(
         "workgroup_size": job.group_size,
         "receivers": len(group.lightmap.receivers),
         "camera": group.about["camera"],
-        "light_frame": shared.light_frame,
+        "light_frame": options.light_frame,
         "bounces": options.bounces,
         "reference_paths": group.about["paths"],
         "reference_error": group.truth.relative_error,
@@ -372,12 +436,11 @@ def _refused(
     job: Job,
     group: Group,
     options: QualityOptions,
-    shared: FrozenShared,
     name: str,
     error: GibenchError,
 ) -> dict[str, Any]:
     status = SKIPPED if isinstance(error, CannotRun) else FAILED
-    keys = _keys(job, group, options, shared, name)
+    keys = _keys(job, group, options, name)
     return {**keys, "region": WHOLE, "status": status, "reason": without_paths(str(error))}
 
 

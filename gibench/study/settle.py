@@ -17,6 +17,7 @@ from gibench.measure.statistics.summary import Summary, summarize
 from gibench.progress import progress
 from gibench.scene.lightmap import Lightmap
 from gibench.techniques.job import Job, Shot
+from gibench.work import Worker
 
 FIRST_CHECK = 16
 """Frames after which the indirect light is looked at first, and then whenever they double; a
@@ -76,15 +77,17 @@ def settle(
     options: SettleOptions,
     shared: Shared,
     cl_device: Any,
+    worker: Worker,
     among: str = "",
 ) -> Settled:
-    """Run ``job`` until it is settled or has run all its frames.
+    """Run ``job`` until it is settled or has run all its frames, which are timed.
 
     Args:
         job: what to run.
         options: when to stop.
         shared: scenes whose lights stand still.
         cl_device: where to run.
+        worker: who runs it.
         among: what it is among others, for the progress bar, as in "3 of 18".
 
     Raises:
@@ -95,7 +98,8 @@ def settle(
     with Session.open(job, shared, cl_device) as session:
         session.prepare(whole=True)
         title = f"settling {job_label(job, session.world.scene.name)}"
-        with progress(title + (f" ({among})" if among else ""), options.frames) as advance:
+        title += f" ({among})" if among else ""
+        with worker.alone(), progress(title, options.frames) as advance:
             frames, times = 0, []
             watch = _Watch(options, _next=job.shot.flight.frames + FIRST_CHECK)
             while frames < options.frames:
@@ -104,19 +108,19 @@ def settle(
                 advance(1)
                 if watch.asks(frames) and watch.stands_still(session.irradiance()):
                     break
-            warm = times[min(3, len(times) - 1) :][-options.timed :]
-            return Settled(
-                job=job,
-                counts=session.counts(),
-                memory_bytes=session.memory_bytes,
-                lightmap=session.world.lightmap,
-                irradiance=session.irradiance(),
-                covered=session.covered(),
-                frames=frames,
-                settled=watch.settled,
-                change=watch.change,
-                times=summarize(warm),
-            )
+        warm = times[min(3, len(times) - 1) :][-options.timed :]
+        return Settled(
+            job=job,
+            counts=session.counts(),
+            memory_bytes=session.memory_bytes,
+            lightmap=session.world.lightmap,
+            irradiance=session.irradiance(),
+            covered=session.covered(),
+            frames=frames,
+            settled=watch.settled,
+            change=watch.change,
+            times=summarize(warm),
+        )
 
 
 def refuse_motion(shot: Shot) -> None:

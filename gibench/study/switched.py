@@ -95,6 +95,7 @@ class SwitchedShared(FrozenShared):
         Raises:
             BadInput: it has no light that could be switched.
         """
-        if name_or_path not in self._switched:
-            self._switched[name_or_path] = switched(super().scene(name_or_path), self.switch)
-        return self._switched[name_or_path]
+        with self._lock:
+            if name_or_path not in self._switched:
+                self._switched[name_or_path] = switched(super().scene(name_or_path), self.switch)
+            return self._switched[name_or_path]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +18,7 @@ from typing import Protocol, TypeVar
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from gibench.errors import GibenchError
+from gibench.work.turns import Turns
 from gibench.work.worker import Resources, Worker
 
 
@@ -51,7 +52,8 @@ class Executor(Protocol):
         """``compute(common, unit, worker)`` of every unit, in the order of ``units``.
 
         Results do not depend on the executor: libraries for linear algebra, whose sums do depend
-        on their number of threads, get one thread a worker.
+        on their number of threads, get one thread a worker. What a unit times it computes inside
+        :meth:`Worker.alone`, while nothing else of this run is computed on its machine.
 
         Args:
             compute: a function of a module, so that it can be sent elsewhere.
@@ -109,14 +111,15 @@ class Threads:
     ) -> list[R]:
         """See :meth:`Executor.run`."""
         count = self.count or os.cpu_count() or 1
-        shared, of_thread = Resources(), threading.local()
+        shared, turns, of_thread = Resources(), Turns(), threading.local()
         results: dict[int, R] = {}
         running: dict[Future[R], tuple[int, U]] = {}
 
         def call(unit: U) -> R:
             if not hasattr(of_thread, "worker"):
-                of_thread.worker = Worker(shared)
-            return _computed(compute, common, unit, of_thread.worker)
+                of_thread.worker = Worker(shared, turns)
+            with turns.beside():
+                return _computed(compute, common, unit, of_thread.worker)
 
         def keep(future: Future[R]) -> None:
             number, unit = running.pop(future)
@@ -132,13 +135,46 @@ class Threads:
                     if not running:
                         break
                     for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        keep(future)
+                        with turns.beside():
+                            keep(future)
             except BaseException:
                 for future in wait(running).done:
                     with suppress(Exception):  # the first error is the one that is told
                         keep(future)
                 raise
         return [results[number] for number in sorted(results)]
+
+
+def run_in_order(
+    executor: Executor, compute: Compute[C, U, R], common: C, units: Sequence[U], done: Done[U, R]
+) -> None:
+    """As :meth:`Executor.run`, with ``done`` called in the order of ``units``, as results have it
+    whose order shows in a file. At Ctrl-C, and where a unit raised, what is finished is given to
+    ``done`` first.
+    """
+    place = {id(unit): number for number, unit in enumerate(units)}
+    waiting: dict[int, tuple[U, R]] = {}
+    given, refused = 0, False
+
+    def give(number: int) -> None:
+        nonlocal refused
+        refused = True
+        done(*waiting.pop(number))
+        refused = False
+
+    def take(unit: U, result: R) -> None:
+        nonlocal given
+        waiting[place[id(unit)]] = unit, result
+        while given in waiting:
+            give(given)
+            given += 1
+
+    try:
+        executor.run(compute, common, units, take)
+    finally:
+        for number in sorted(waiting):
+            if not refused:
+                give(number)
 
 
 def _plainly(compute: Compute[C, U, R], common: C, unit: U, worker: Worker) -> R:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Hashable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, TypeVar
+
+from gibench.work.turns import Turns
 
 T = TypeVar("T")
 
@@ -34,11 +37,13 @@ class Worker:
 
     Args:
         shared: what all workers of this process share.
+        turns: of the workers of this machine; None where there is only this one.
     """
 
-    def __init__(self, shared: Resources | None = None) -> None:
+    def __init__(self, shared: Resources | None = None, turns: Turns | None = None) -> None:
         self._own = Resources()
         self._shared = Resources() if shared is None else shared
+        self._turns = turns
 
     def own(self, key: Hashable, make: Callable[[], T]) -> T:
         """What this worker alone keeps as ``key``, made where it is missing."""
@@ -47,3 +52,9 @@ class Worker:
     def shared(self, key: Hashable, make: Callable[[], T]) -> T:
         """What all workers of this process keep as ``key``; safe to use from several threads."""
         return self._shared.get(key, make)
+
+    def alone(self) -> AbstractContextManager[None]:
+        """While the block runs no other unit of the executor's run is computed on this machine: for
+        what is timed.
+        """
+        return nullcontext() if self._turns is None else self._turns.alone()

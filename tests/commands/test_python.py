@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +32,8 @@ from gibench.commands.quality import quality
 from gibench.commands.report import make_report
 from gibench.commands.run import run
 from gibench.errors import BadInput
-from gibench.work import Serial, Threads
+from gibench.work import Serial, Threads, Worker
+from gibench.work.executors import ignore
 
 PAGE = Path(__file__).parents[2] / "docs" / "python.md"
 EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
@@ -63,27 +66,84 @@ def test_the_page_s_examples_run(
             gibench.make_report(names["compared"].folder)  # type: ignore[attr-defined]
 
 
-def test_no_result_depends_on_the_executor(tmp_path: Path) -> None:
-    """Everything is baked anew by each."""
+@dataclass(frozen=True)
+class Posted:
+    """Sends all that a unit needs, and its result, as another process would get them."""
+
+    def run(self, compute, common, units, done=ignore):
+        results = []
+        for unit in units:
+            task, given, mine = pickle.loads(pickle.dumps((compute, common, unit)))
+            results.append(pickle.loads(pickle.dumps(task(given, mine, Worker()))))
+            done(unit, results[-1])
+        return results
+
+
+BAKE = {"settings": {"srp.transport_rays": 32, "srp.relight_samples": 32}}
+
+
+def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path) -> None:
+    """What both Serial and Threads need is baked anew by each."""
     tables, receivers = [], []
-    for name, executor in (("serial", Serial()), ("threads", Threads(2))):
+    for executor in (Serial(), Threads(2), Posted()):
+        name = type(executor).__name__
         found = gibench.quality(
-            receivers=400,
+            technique=["srp", "direct"],
+            receivers=300,
             sh_order=1,
-            settings={"srp.transport_rays": 32, "srp.relight_samples": 32},
             resolution=(32, 24),
             target_error=0.5,
             frames=16,
             out=tmp_path / name,
-            cache_dir=tmp_path / f"cache-{name}",
+            cache_dir=tmp_path / ("cache-Serial" if name == "Serial" else "cache-others"),
             executor=executor,
+            **BAKE,
         )
         assert found.error is None
         tables.append(found.table.drop(columns="time_ms"))
         receivers.append(found.receivers)
-    pd.testing.assert_frame_equal(*tables)
-    pd.testing.assert_frame_equal(*receivers)
-    assert np.isfinite(receivers[0]["srp g"]).all()
+        for file in sorted((tmp_path / "Serial").rglob("images/**/*.png")):
+            mine = tmp_path / name / file.relative_to(tmp_path / "Serial")
+            assert mine.read_bytes() == file.read_bytes()
+    for other in (1, 2):
+        pd.testing.assert_frame_equal(tables[0], tables[other])
+        pd.testing.assert_frame_equal(receivers[0], receivers[other])
+    assert len(tables[0]) == 2 and np.isfinite(receivers[0]["srp g"]).all()
+
+
+def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path) -> None:
+    """A run's keys and images, advice and an experiment whose later points need its first."""
+    cache = {"cache_dir": tmp_path / "cache"}
+    small = {"receivers": 300, "resolution": (32, 24), **cache}
+    found: dict[str, list[pd.DataFrame]] = {"run": [], "advise": [], "experiment": []}
+    files: list[dict[str, bytes]] = []
+    for executor in (Serial(), Threads(2), Posted()):
+        out = tmp_path / type(executor).__name__
+        ran = gibench.run(
+            technique=["gibs", "srp"], sh_order=[0, 1], frames=2, warmup=0, save_images=True,
+            out=out / "run", executor=executor, **small, **BAKE,
+        )  # fmt: skip
+        found["run"].append(ran.samples.drop(columns=["time_ms", "frame_wall_ms"]))
+        advised = gibench.advise(
+            technique=["direct", "srp"], sh_order=[0, 1], budget_ms=1e6, frames=16,
+            target_error=0.5, reference_paths=16, out=out / "advise", executor=executor,
+            **small, **BAKE,
+        )  # fmt: skip
+        timed = ["time_ms", "pareto"]  # which are best depends on times
+        found["advise"].append(advised.table.drop(columns=timed))
+        repeated = gibench.experiment(
+            "sh-order", quick=True, target_error=1.0, reference_paths=16, out=out / "experiment",
+            executor=executor, **cache,
+        )  # fmt: skip
+        found["experiment"].append(repeated.table.drop(columns="time_ms"))
+        kept = [*out.rglob("run/images/**/*.png"), *out.rglob("experiment/irradiance/*.npy")]
+        files.append({str(file.relative_to(out)): file.read_bytes() for file in kept})
+    for name, (serial, threads, posted) in found.items():
+        assert len(serial) > 2, name
+        pd.testing.assert_frame_equal(serial, threads)
+        pd.testing.assert_frame_equal(serial, posted)
+    assert len(files[0]) > 8 and files[0] == files[1] == files[2]
+    assert "order 7" in set(found["experiment"][0]["against"])
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from gibench.errors import BadInput
 from gibench.profiles import load_profile
 from gibench.study.experiments import EXPERIMENTS, common, scaling
 from gibench.study.rows import Rows
+from gibench.study.site import Site
 from gibench.study.slope import fit_line
 from gibench.techniques.registry import job_of
 
@@ -57,7 +58,7 @@ def test_experiments_are_listed_and_unknown_ones_refused(capsys):
 
 
 def test_paths_bound_an_experiments_reference(tmp_path, capsys):
-    context = common.Context(None, (), tmp_path, None, target_error=0.01, reference_paths=24)
+    context = common.Context((), Site(tmp_path), target_error=0.01, reference_paths=24)
     asked = context.quality()
     assert (asked.target_error, asked.reference_paths) == (0.01, 24)
     assert call(["experiment", "sh-order", "--reference-paths", "7"]) == 2
@@ -102,7 +103,7 @@ def test_an_interrupted_experiment_goes_on(cache, tmp_path, monkeypatch, capsys)
     monkeypatch.setattr(scaling, "_values", lambda context: {"probes": (1, 2, 4)})
     calls = []
 
-    def fake(context, configuration, shared, own):
+    def fake(context, configuration, worker, own):
         if len(calls) == 5:
             calls.append("interrupted")
             raise KeyboardInterrupt
@@ -131,7 +132,7 @@ def test_a_point_that_cannot_run_is_told_and_the_others_go_on(cache, tmp_path, m
 
     monkeypatch.setattr(scaling, "_values", lambda context: {"probes": (1, 2)})
 
-    def fake(context, configuration, shared, own):
+    def fake(context, configuration, worker, own):
         if configuration.settings.probes == 2:
             raise CannotRun("too large | for it")
         return {"time_ms": 1.0, "p95_ms": 1.0, "frames": 3, "memory_bytes": 7}
@@ -153,7 +154,8 @@ def test_published_figures_hold_no_withheld_rows():
 
 def test_every_experiment_s_points_are_plain_data(tmp_path):
     profiles = (load_profile("vega56"),)
-    context = common.Context(None, profiles, tmp_path, None, scenes=("cornell-box",), quick=True)
+    context = common.Context(profiles, Site(tmp_path), scenes=("cornell-box",), quick=True)
+    assert pickle.loads(pickle.dumps(context)) == context
     for experiment in EXPERIMENTS.values():
         points = list(experiment.points(context))
         assert points and pickle.loads(pickle.dumps(points)) == points

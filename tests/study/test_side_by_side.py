@@ -198,7 +198,7 @@ def test_the_ray_budget_experiment(quick, tmp_path, monkeypatch):
     # From the stored samples alone, as after an interruption between the two files.
     head = (tmp_path / "ray-budget.csv").read_text().split("\n", 1)[0]
     (tmp_path / "ray-budget.csv").write_text(head + "\n")
-    monkeypatch.setattr(ray_budget, "_run", None)
+    monkeypatch.setattr(ray_budget, "Session", None)
     assert call(command) == 0
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "ray-budget.csv"), table)
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
+from itertools import pairwise
 
 import pytest
 
 from gibench.errors import BadInput, GibenchError
-from gibench.work import Serial, Threads, Worker
+from gibench.work import Serial, Threads, Worker, run_in_order
 
 EXECUTORS = [Serial(), Threads(1), Threads(3), Threads()]
 
@@ -129,3 +130,63 @@ def test_a_worker_keeps_its_own_things_and_shares_the_others():
 def test_no_threads_are_refused():
     with pytest.raises(ValueError, match="1 or more"):
         Threads(0)
+
+
+def timed_alone(common: list, unit: Number, worker: Worker) -> int:
+    """Work beside others, then alone, then beside others again; tells when."""
+    with_others = time.perf_counter()
+    time.sleep(0.002 * (unit.value % 4))
+    with worker.alone():
+        begin = time.perf_counter()
+        time.sleep(0.003)
+        common.append(("alone", begin, time.perf_counter()))
+    common.append(("beside", with_others, begin))
+    after = time.perf_counter()
+    time.sleep(0.002)
+    common.append(("beside", after, time.perf_counter()))
+    return unit.value
+
+
+@pytest.mark.parametrize("executor", EXECUTORS, ids=str)
+def test_one_that_asks_to_be_alone_is_alone(executor):
+    """Nobody else is alone meanwhile, and nobody begins or ends anything beside it."""
+    spans: list[tuple[str, float, float]] = []
+    asked: list[float] = []
+
+    def done(unit, result):
+        asked.append(time.perf_counter())
+
+    assert executor.run(timed_alone, spans, NUMBERS, done) == list(range(20))
+    alone = sorted(span[1:] for span in spans if span[0] == "alone")
+    assert len(alone) == 20
+    assert all(end <= begin for (_, end), (begin, _) in pairwise(alone))
+    others = [span[1:] for span in spans if span[0] == "beside"]
+    for moment in [m for span in others for m in span] + asked:
+        assert not any(begin < moment < end for begin, end in alone)
+
+
+@pytest.mark.parametrize("executor", EXECUTORS, ids=str)
+def test_results_are_told_in_order_where_that_is_asked(executor):
+    told = []
+    run_in_order(executor, halve, 1.0, NUMBERS, lambda unit, result: told.append(unit.value))
+    assert told == list(range(20))
+
+
+def test_what_is_finished_is_told_in_order_when_another_fails():
+    told: list[int] = []
+
+    def keep(unit: Number, result: int) -> None:
+        told.append(unit.value)
+
+    with pytest.raises(BadInput, match="number 4"):
+        run_in_order(Threads(3), refuse, BadInput("no light"), NUMBERS, keep)
+    assert told == sorted(told) and set(told) >= {0, 1, 2, 3} and 4 not in told
+
+    def full(unit: Number, result: int) -> None:
+        told.append(unit.value)
+        raise GibenchError("the disk is full")
+
+    told.clear()
+    with pytest.raises(GibenchError, match="the disk is full"):
+        run_in_order(Threads(3), halve, 1.0, NUMBERS, full)
+    assert told == [0]  # who cannot write is not asked again

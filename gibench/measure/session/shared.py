@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 from gibench.bake.lightmap import cached_lightmap
@@ -18,7 +19,8 @@ class Shared:
     """Scenes, lightmaps and baked data of a run.
 
     Configurations come ordered by scene and receivers, so only the last lightmap and what was baked
-    on it are kept in memory; the cache folder holds the others.
+    on it are kept in memory; the cache folder holds the others. Several threads may ask: what one
+    is having made the others wait for.
 
     Attributes:
         cache_dir: where lightmaps and baked data are kept between runs.
@@ -32,6 +34,7 @@ class Shared:
     _scenes: dict[str, Scene] = field(default_factory=dict, repr=False)
     _lightmap: tuple[tuple[str, int], Lightmap] | None = field(default=None, repr=False)
     _baked: dict[str, Any] = field(default_factory=dict, repr=False)
+    _lock: RLock = field(default_factory=RLock, repr=False)
 
     def scene(self, name_or_path: str) -> Scene:
         """The scene.
@@ -41,9 +44,10 @@ class Shared:
         """
         from gibench.scene.load import load_scene
 
-        if name_or_path not in self._scenes:
-            self._scenes[name_or_path] = load_scene(name_or_path)
-        return self._scenes[name_or_path]
+        with self._lock:
+            if name_or_path not in self._scenes:
+                self._scenes[name_or_path] = load_scene(name_or_path)
+            return self._scenes[name_or_path]
 
     def lightmap(self, name_or_path: str, receivers: int) -> Lightmap:
         """The scene's lightmap with about ``receivers`` receivers.
@@ -52,12 +56,13 @@ class Shared:
             BadInput: the scene cannot be unwrapped.
         """
         key = (name_or_path, receivers)
-        if self._lightmap is None or self._lightmap[0] != key:
-            self._baked.clear()
-            self._lightmap = None
-            scene = self.scene(name_or_path)
-            self._lightmap = key, cached_lightmap(scene, receivers, self.cache_dir)
-        return self._lightmap[1]
+        with self._lock:
+            if self._lightmap is None or self._lightmap[0] != key:
+                self._baked.clear()
+                self._lightmap = None
+                scene = self.scene(name_or_path)
+                self._lightmap = key, cached_lightmap(scene, receivers, self.cache_dir)
+            return self._lightmap[1]
 
     def baked(
         self, spec: TechniqueSpec, settings: Any, name_or_path: str, receivers: int
@@ -67,11 +72,12 @@ class Shared:
         Raises:
             GibenchError: it cannot be baked.
         """
-        lightmap = self.lightmap(name_or_path, receivers)
-        scene = self.scene(name_or_path)
-        context = BakeContext(scene, lightmap, settings, self.cache_dir, self.seed)
-        # The same as on the disk: settings that bake the same share it in memory, too.
-        key = spec.bake_key(context)
-        if key not in self._baked:
-            self._baked[key] = spec.bake(context, self.executor)
-        return lightmap, self._baked[key]
+        with self._lock:
+            lightmap = self.lightmap(name_or_path, receivers)
+            scene = self.scene(name_or_path)
+            context = BakeContext(scene, lightmap, settings, self.cache_dir, self.seed)
+            # The same as on the disk: settings that bake the same share it in memory, too.
+            key = spec.bake_key(context)
+            if key not in self._baked:
+                self._baked[key] = spec.bake(context, self.executor)
+            return lightmap, self._baked[key]

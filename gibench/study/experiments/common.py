@@ -2,68 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from gibench.errors import BadInput, CannotRun, GibenchError, Interrupted
-from gibench.measure.machine.environment import cpu_name, without_paths
+from gibench.arrays import Doubles
+from gibench.errors import BadInput, GibenchError, Interrupted
+from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import grid
 from gibench.measure.runfolder.folder import RunFolder
-from gibench.measure.runfolder.results import FAILED, OK, SKIPPED
+from gibench.measure.runfolder.results import OK
 from gibench.measure.session.session import Session
-from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
-from gibench.study.frozen import FrozenShared
+from gibench.study.experiments.kept import STATUS, Found, Kept, Summarize
 from gibench.study.quality import QualityOptions
-from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
+from gibench.study.site import Site
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
-from gibench.work import Executor
+from gibench.work import Executor, Serial, Worker, run_in_order
 
-STATUS = ("status", "reason")
 TIMES = ("time_ms", "p95_ms", "frames", "memory_bytes")
 
 
 @dataclass(frozen=True)
 class Context:
-    """Where and how an experiment runs.
+    """Where and how an experiment runs: plain data.
 
     Attributes:
-        folder: it leaves its files in.
         profiles: whose limits bind.
-        cache: folder of bakes and references.
-        cl_device: executes.
+        site: where its points run.
         scenes: the user's, instead of the experiment's own; empty for these.
         quick: small sizes, to see that it works; figures of no meaning.
         frames: timed per point.
         resolution: of the camera image instead of the experiment's own, or None.
         target_error: of references.
         reference_paths: of references at most; None for as many as the target error takes.
-        seed: of every random choice.
-        executor: of bakes; None for a thread per core.
-        kept: what its points share, by what it is of: scenes with what is baked on them, and so on.
     """
 
-    folder: RunFolder
     profiles: tuple[DeviceProfile, ...]
-    cache: Path
-    cl_device: Any
+    site: Site
     scenes: tuple[str, ...] = ()
     quick: bool = False
     frames: int = 30
     resolution: tuple[int, int] | None = None
     target_error: float = 0.02
     reference_paths: int | None = None
-    seed: int = 0
-    executor: Executor | None = None
-    kept: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def transport(self) -> dict[str, str]:
@@ -78,17 +66,6 @@ class Context:
     def scene_or(self, *own: str) -> tuple[str, ...]:
         """The user's scenes, or the experiment's own; one of these where it is to be quick."""
         return self.scenes or (own[:1] if self.quick else own)
-
-    def moving(self) -> Shared:
-        """Scenes as they are, for times."""
-        found: Shared = self.kept.setdefault(Shared, Shared(self.cache, self.seed, self.executor))
-        return found
-
-    def standing(self) -> FrozenShared:
-        """Scenes with standing lights, for errors."""
-        made = FrozenShared(self.cache, self.seed, self.executor)
-        found: FrozenShared = self.kept.setdefault(FrozenShared, made)
-        return found
 
     def quality(self) -> QualityOptions:
         """How results are compared with the truth."""
@@ -135,7 +112,7 @@ class Context:
             scenes=(scene,),
             receivers=() if receivers is None else (receivers,),
             settings={technique: {name: (value,) for name, value in settings.items()}},
-            seed=self.seed,
+            seed=self.site.seed,
         )
         return job
 
@@ -151,10 +128,30 @@ class Point:
     Attributes:
         key: values of the experiment's key columns.
         job: what is run for it.
+        needs: labels of arrays that other points give, and without which it is still measured.
     """
 
     key: Mapping[str, Any]
     job: Job
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measuring:
+    """A point with what it needs of others: a unit of work.
+
+    Attributes:
+        point: the point.
+        needed: arrays by label, those that are there.
+    """
+
+    point: Point
+    needed: Mapping[str, Doubles] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """In messages."""
+        return ", ".join(str(value) for value in self.point.key.values())
 
 
 @dataclass(frozen=True)
@@ -169,9 +166,11 @@ class Experiment:
         keys: columns that name a point.
         columns: the others, ``status`` and ``reason`` left out.
         points: what is measured, in order.
-        measure: measures a point: rows without the keys.
+        measure: measures a point, and writes nothing.
         present: writes plots and pictures and returns the report's Markdown.
-        image: size of the camera image, pixels.
+        samples: columns of its samples beside the keys, where it has any; its rows are then what
+            ``summarize`` makes of them.
+        summarize: the rows of a key, from all samples that are stored.
     """
 
     name: str
@@ -181,53 +180,92 @@ class Experiment:
     keys: tuple[str, ...]
     columns: tuple[str, ...]
     points: Callable[[Context], Iterable[Point]] = field(repr=False)
-    measure: Callable[[Context, Point], Sequence[Mapping[str, Any]]] = field(repr=False)
-    present: Callable[[Context, pd.DataFrame], str] = field(repr=False)
+    measure: Callable[[Context, Measuring, Worker], Found] = field(repr=False)
+    present: Callable[[Context, Kept, pd.DataFrame], str] = field(repr=False)
+    samples: tuple[str, ...] = ()
+    summarize: Summarize | None = field(default=None, repr=False)
 
 
-def run_experiment(experiment: Experiment, context: Context) -> pd.DataFrame:
+def run_experiment(
+    experiment: Experiment,
+    context: Context,
+    folder: RunFolder,
+    executor: Executor | None = None,
+) -> pd.DataFrame:
     """Measure what is not in the folder yet, then write report, plots and pictures.
+
+    Args:
+        experiment: to repeat.
+        context: where and how.
+        folder: where everything is written, by this process alone.
+        executor: measures the points, one after another by default; frames, which are timed, run
+            one point at a time whatever it is.
 
     Raises:
         Interrupted: by Ctrl-C; what was measured is kept and reported.
         BadInput: the folder holds another experiment, or a scene is wrong.
         GibenchError: nothing could be measured: the first reason.
     """
-    path = context.folder.path / f"{experiment.name}.csv"
-    rows = Rows.at(path, experiment.keys, (*experiment.columns, *STATUS))
-    points = [point for point in experiment.points(context) if not rows.done(point.key)]
+    columns = (*experiment.columns, *STATUS)
+    kept = Kept.at(
+        folder.path, experiment.name, experiment.keys, columns, experiment.samples,
+        experiment.summarize,
+    )  # fmt: skip
+    points = [point for point in experiment.points(context) if not kept.done(point.key)]
     interrupted, first = False, None
+    one_by_one = Serial(says_unit=False)
     try:
         with progress(experiment.title, len(points)) as advance:
-            for point in points:
-                try:
-                    rows_found = experiment.measure(context, point)
-                    found = [{"status": OK, "reason": "", **row} for row in rows_found]
-                except BadInput:
-                    raise
-                except GibenchError as error:
-                    first = first or error
-                    status = SKIPPED if isinstance(error, CannotRun) else FAILED
-                    found = [{"status": status, "reason": without_paths(str(error))}]
-                rows.add([{**point.key, **row} for row in found])
+
+            def told(unit: Measuring, found: Found) -> None:
+                nonlocal first
+                first = first or found.error
+                kept.add(unit.point.key, found)
                 advance(1)
+
+            # Those that need others come after them.
+            for wave in (False, True):
+                units = [
+                    Measuring(point, kept.arrays(point.needs))
+                    for point in points
+                    if bool(point.needs) == wave
+                ]
+                common = experiment.measure, context
+                run_in_order(executor or one_by_one, _measured, common, units, told)
     except KeyboardInterrupt:
         interrupted = True
-    table = rows.table()
+    table = kept.table()
     if (table["status"] == OK).any():
-        context.folder.write_text(
-            f"{experiment.name}.md", report(experiment, context, table, interrupted)
-        )
+        text = report(experiment, context, kept, table, interrupted)
+        folder.write_text(f"{experiment.name}.md", text)
     if interrupted:
         raise Interrupted(
-            f"interrupted; what was measured is kept in {path}, the same command goes on from there"
+            f"interrupted; what was measured is kept in {kept.rows.path}, the same command goes on "
+            "from there"
         )
     if first is not None and not (table["status"] == OK).any():
         raise first
     return table
 
 
-def report(experiment: Experiment, context: Context, table: pd.DataFrame, interrupted: bool) -> str:
+def _measured(
+    common: tuple[Callable[[Context, Measuring, Worker], Found], Context],
+    unit: Measuring,
+    worker: Worker,
+) -> Found:
+    """Measure a point; one that cannot run has its reason, and the others go on."""
+    measure, context = common
+    try:
+        return measure(context, unit, worker)
+    except BadInput:
+        raise
+    except GibenchError as error:
+        return Found(error=error)
+
+
+def report(
+    experiment: Experiment, context: Context, kept: Kept, table: pd.DataFrame, interrupted: bool
+) -> str:
     """The experiment to read."""
     lines = [
         f"# {experiment.title}",
@@ -240,7 +278,7 @@ def report(experiment: Experiment, context: Context, table: pd.DataFrame, interr
         lines.append("> **Quick:** small sizes that show that it works. The figures mean nothing.")
     if interrupted:
         lines.append("> **Interrupted:** not all points are here.")
-    lines.append(experiment.present(context, table))
+    lines.append(experiment.present(context, kept, table))
     missing = table[table["status"] != OK]
     if len(missing):
         lines.append("## Not measured")
@@ -285,7 +323,7 @@ def published_section(table: pd.DataFrame) -> str:
     )
 
 
-def timed(context: Context, job: Job, shared: Shared, own: tuple[int, int]) -> dict[str, Any]:
+def timed(context: Context, job: Job, worker: Worker, own: tuple[int, int]) -> dict[str, Any]:
     """The frame times of ``job`` with lights moving as in a run, and its memory.
 
     Raises:
@@ -293,11 +331,13 @@ def timed(context: Context, job: Job, shared: Shared, own: tuple[int, int]) -> d
         GibenchError: a pass failed.
     """
     job = replace(job, shot=context.shot(own))
-    with Session.open(job, shared, context.cl_device) as session:
+    site = context.site
+    with Session.open(job, site.moving(), site.cl_device) as session:
         session.prepare(whole=True)
         session.compile()
         warmup, count = (1, 3) if context.quick else (5, context.frames)
-        times = [session.frame(number).wall_ms for number in range(warmup + count)]
+        with worker.alone():
+            times = [session.frame(number).wall_ms for number in range(warmup + count)]
         summary = summarize(times[warmup:])
         return {
             "time_ms": summary.median_ms,

@@ -11,16 +11,16 @@ import pandas as pd
 
 from gibench.arrays import Doubles
 from gibench.measure.session.session import Session
-from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.reference.lights import luminance
 from gibench.report.plots import Axes, Series, plot
-from gibench.study.experiments.common import Context, Experiment, Point, markdown
-from gibench.study.rows import Rows
+from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
+from gibench.study.experiments.kept import Found, Kept
 from gibench.study.switched import LightSwitch, SwitchedShared
 from gibench.study.through_camera import view
 from gibench.techniques.job import Job
+from gibench.work import Worker
 
 _IMAGE = (640, 360)
 _COMPARED = (160, 90)  # pixels of the images that are compared; all after a switch are held at once
@@ -92,35 +92,25 @@ def _points(context: Context) -> Iterator[Point]:
 
 def _shared(context: Context, switch: str) -> SwitchedShared:
     """Scenes whose lights change once as ``switch`` says."""
-    change = LightSwitch(_lengths(context).before, *_SWITCHES[switch])
-    made = SwitchedShared(context.cache, context.seed, context.executor, switch=change)
-    found: SwitchedShared = context.kept.setdefault(change, made)
-    return found
+    before, after = _SWITCHES[switch]
+    return context.site.switched(LightSwitch(_lengths(context).before, before, after))
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    samples = Rows.at(context.folder.path / "convergence-samples.csv", _KEYS, _SAMPLE)
-    if not samples.done(point.key):
-        shared = _shared(context, point.key["switch"])
-        found = _run(context, point.job, shared, " ".join(point.key.values()))
-        samples.add([{**point.key, **row} for row in found])
-    table = samples.table()
-    mine = table[(table[list(point.key)] == pd.Series(dict(point.key))).all(axis=1)]
-    return [row_of(mine)]
-
-
-def _run(context: Context, job: Job, shared: Shared, title: str) -> list[dict[str, Any]]:
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
     """Every frame after the switch: its time, and how far its image is from the settled one.
 
     Raises:
         CannotRun: the profile or budget forbids it.
         GibenchError: a pass failed.
     """
-    lengths, job = _lengths(context), replace(job, shot=context.shot(_IMAGE))
+    lengths, key = _lengths(context), unit.point.key
+    job = replace(unit.point.job, shot=context.shot(_IMAGE))
+    shared, title = _shared(context, key["switch"]), " ".join(key.values())
     images, times = [], []
     with (
-        Session.open(job, shared, context.cl_device) as session,
+        Session.open(job, shared, context.site.cl_device) as session,
         progress(title, lengths.before + lengths.after) as advance,
+        worker.alone(),
     ):
         world = session.world
         seen = view(world.scene, world.lightmap, world.camera, *_COMPARED)
@@ -133,7 +123,7 @@ def _run(context: Context, job: Job, shared: Shared, title: str) -> list[dict[st
                 times.append(wall_ms)
             advance(1)
     distance, mean = distances(np.array(images))
-    return [
+    samples = [
         {
             "frame": number,
             "time_ms": ms,
@@ -142,6 +132,12 @@ def _run(context: Context, job: Job, shared: Shared, title: str) -> list[dict[st
         }
         for number, ms in enumerate(times, 1)
     ]
+    return Found(samples=samples)
+
+
+def _summarize(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The row of ``key``."""
+    return [row_of(samples[(samples[list(key)] == pd.Series(dict(key))).all(axis=1)])]
 
 
 def distances(images: Any) -> tuple[Doubles, Doubles]:
@@ -214,9 +210,9 @@ def _axes(samples: pd.DataFrame, against_time: bool) -> Sequence[Axes]:
     return found
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
-    path, (width, height) = context.folder.path, _COMPARED
+    path, (width, height) = kept.path, _COMPARED
     samples = pd.read_csv(path / "convergence-samples.csv")
     image, lengths = context.shot(_IMAGE), _lengths(context)
     caption = f"Image {image.width} x {image.height}. Times of this machine."
@@ -259,4 +255,6 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    samples=_SAMPLE,
+    summarize=_summarize,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import pandas as pd
 
@@ -12,12 +11,15 @@ from gibench.study.experiments.common import (
     TIMES,
     Context,
     Experiment,
+    Measuring,
     Point,
     markdown,
     published,
     published_section,
     timed,
 )
+from gibench.study.experiments.kept import Found, Kept
+from gibench.work import Worker
 
 # Bennett's four are the Cornell Box, the Blue-Orange Box, the Modern Hall and Crytek Sponza; the
 # built-in hall and atrium stand for the last two, which do not come with gibench.
@@ -27,7 +29,7 @@ _KINDS = {"SRP order 7": 7, "SRP order 2": 2, "direct only": None}
 
 
 def _points(context: Context) -> Iterator[Point]:
-    shared = context.moving()
+    shared = context.site.moving()
     for name in context.scene_or(*_SCENES):
         scene = shared.scene(name).name
         receivers = 1000 if context.quick else None
@@ -40,18 +42,18 @@ def _points(context: Context) -> Iterator[Point]:
                 yield Point({"scene": scene, "kind": kind, "profile": profile.name}, job)
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    return [timed(context, point.job, context.moving(), _IMAGE)]
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    return Found([timed(context, unit.point.job, worker, _IMAGE)])
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     groups = {
         f"{scene}\n{profile}": dict(zip(group["kind"], group["time_ms"], strict=True))
         for (scene, profile), group in ok.groupby(["scene", "profile"], sort=False)
     }
     bars(
-        context.folder.path / "frame-times",
+        kept.path / "frame-times",
         groups,
         "median frame, ms",
         "Times of this machine under the profiles' limits, not of the devices they model.",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import pandas as pd
 
-from gibench.study.experiments.common import Context, Experiment, Point, markdown
+from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
+from gibench.study.experiments.kept import Found, Kept
 from gibench.study.experiments.side_by_side import (
     COLUMNS,
     FORMATS,
@@ -17,6 +17,7 @@ from gibench.study.experiments.side_by_side import (
     truth_of,
 )
 from gibench.techniques.job import Job
+from gibench.work import Worker
 
 _IMAGE = (480, 270)
 _PROBES = (5, 109)  # of figure 8
@@ -46,15 +47,16 @@ def _points(context: Context) -> Iterator[Point]:
             yield Point({"probes": probes, "interpolation": kind}, job)
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    point = unit.point
     label = _label(point.key["probes"], point.key["interpolation"])
-    return compared(context, point.job, context.standing(), _IMAGE, label)
+    return compared(context, point.job, worker, _IMAGE, label)
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     whole = ok[ok["region"] == "whole"]
-    group = truth_of(context, _job(context, _PROBES[0], "srp"), context.standing(), _IMAGE)
+    group = truth_of(context, _job(context, _PROBES[0], "srp"), _IMAGE)
     parts = [
         "*spatial*: probes blended by distance alone, in the receiver's own direction (Bennett "
         "2019, eq. 4.3). *visibility*: that, from the probes the receiver sees. *srp*: reprojected "
@@ -64,7 +66,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
     ]
     for probes in _counts(context):
         labels = [_label(probes, kind) for kind in _KINDS]
-        parts.append(result_panel(context, f"interpolation-{probes}", group.truth, labels))
+        parts.append(result_panel(kept, f"interpolation-{probes}", group.truth, labels))
     parts.append("The paper shows pictures and prints no figures for this.")
     return "\n\n".join(parts)
 

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from gibench.report.plots import Axes, Picture, Series, plot
-from gibench.study.experiments.common import Context, Experiment, Point, markdown
+from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
+from gibench.study.experiments.kept import Found, Kept
 from gibench.study.experiments.side_by_side import (
     COLUMNS,
     FORMATS,
     SHOWN,
     compared,
-    keep,
-    kept,
     result_panel,
     truth_of,
 )
 from gibench.techniques.job import Job
 from gibench.techniques.registry import find_technique
 from gibench.techniques.srp.bake.operator_norm import operator_norm
+from gibench.work import Worker
 
 _IMAGE = (480, 270)
 _PROBES = (2, 10, 29)  # of figure 10
@@ -50,9 +49,9 @@ def _points(context: Context) -> Iterator[Point]:
         yield Point({"probes": probes}, _job(context, probes))
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    job, shared, probes = point.job, context.standing(), point.key["probes"]
-    rows = compared(context, job, shared, _IMAGE, _label(probes))
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    job, shared, probes = unit.point.job, context.site.standing(), unit.point.key["probes"]
+    found = compared(context, job, worker, _IMAGE, _label(probes))
     scene = shared.scene(job.scene)
     lightmap, bake = shared.baked(
         find_technique(job.technique), job.settings, job.scene, job.receivers or scene.receivers
@@ -63,19 +62,19 @@ def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
         bake.probes,
         replace(job.settings.bake_settings(), transport_rays=_NORM_RAYS),
         directions=64 if context.quick else 1024,
-        seed=context.seed,
+        seed=context.site.seed,
     )
-    keep(context, f"norm {probes}", np.repeat(norms[:, None], 3, axis=1))
     mean = float((norms * lightmap.receivers.area).sum() / lightmap.receivers.area.sum())
-    return [{**row, "operator_norm": mean} for row in rows]
+    arrays = {**found.arrays, f"norm {probes}": np.repeat(norms[:, None], 3, axis=1)}
+    return Found([{**row, "operator_norm": mean} for row in found.rows], arrays=arrays)
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     whole = ok[ok["region"] == "whole"].sort_values("probes")
     counts = whole["probes"].tolist()
     plot(
-        context.folder.path / "probe-density",
+        kept.path / "probe-density",
         [
             Axes(
                 "error against the reference",
@@ -84,7 +83,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
                 [Series("", counts, (100 * whole["rel_l2"]).tolist())],
             ),
             Axes(
-                "mean operator norm (001, eq. 12)",
+                "mean operator norm (eq. 12)",
                 "probes",
                 "share of the ideal's norm",
                 [Series("", counts, whole["operator_norm"].tolist())],
@@ -92,16 +91,16 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         ],
         "Cornell Box, order 7.",
     )
-    group = truth_of(context, _job(context, _PROBES[0]), context.standing(), _IMAGE)
+    group = truth_of(context, _job(context, _PROBES[0]), _IMAGE)
     limits = (0.0, _NORM_LIMIT)
     maps: list[Picture | None] = [None]
     for probes in counts:
-        norms = kept(context, f"norm {probes}")
+        norms = kept.array(f"norm {probes}")
         if norms is not None and len(norms) == len(group.truth.value):
             image = group.truth.view.of(norms)[..., 0]
             maps.append(Picture(f"{_label(probes)}: operator norm", image, "viridis", limits))
     shown = result_panel(
-        context, "probe-density-pictures", group.truth, [_label(n) for n in counts], [maps]
+        kept, "probe-density-pictures", group.truth, [_label(n) for n in counts], [maps]
     )
     return "\n\n".join(
         (

@@ -10,24 +10,24 @@ import numpy as np
 import pandas as pd
 
 from gibench.measure.session.session import Session
-from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
-from gibench.report.images import ImageWriter
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import (
     Context,
     Experiment,
+    Measuring,
     Point,
     markdown,
     published,
     published_section,
 )
-from gibench.study.rows import Rows
+from gibench.study.experiments.kept import Found, Images, Kept
 from gibench.techniques.camera_path import FLIGHT, FlightOptions
 from gibench.techniques.gibs import Gibs
 from gibench.techniques.job import Job
 from gibench.techniques.technique import Technique
+from gibench.work import Worker
 
 _IMAGE = (1920, 1080)
 _RAYS_PER_PROBE = (25, 50, 100)
@@ -122,7 +122,7 @@ def _job(context: Context, scene: str, profile: DeviceProfile, technique: str, b
 
 
 def _points(context: Context) -> Iterator[Point]:
-    shared, sizes = context.standing(), _sizes(context)
+    shared, sizes = context.site.standing(), _sizes(context)
     for name in context.scene_or("cornell-box" if context.quick else "atrium"):
         scene = shared.scene(name).name
         for profile in context.profiles:
@@ -133,37 +133,23 @@ def _points(context: Context) -> Iterator[Point]:
                     yield Point(key, _job(context, name, profile, technique, budget))
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    samples = Rows.at(context.folder.path / "ray-budget-samples.csv", _KEYS, _SAMPLE)
-    made = ImageWriter(context.folder.path / "images")
-    writer: ImageWriter = context.kept.setdefault(ImageWriter, made)
-    if not samples.done(point.key):
-        found = _run(context, point.job, context.standing(), point.key, writer)
-        samples.add([{**point.key, **row} for row in found])
-    return rows_of(samples.table(), point.key)
-
-
-def _run(
-    context: Context,
-    job: Job,
-    shared: Shared,
-    key: Mapping[str, Any],
-    writer: ImageWriter,
-) -> list[dict[str, Any]]:
-    """Samples at rest and after the flight.
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    """Samples and images at rest and after the flight.
 
     Raises:
         CannotRun: the profile or budget forbids it.
         GibenchError: a pass failed.
     """
-    sizes = _sizes(context)
-    job = replace(job, shot=replace(context.shot(_IMAGE), flight=sizes.flown))
+    sizes, site, key = _sizes(context), context.site, unit.point.key
+    job = replace(unit.point.job, shot=replace(context.shot(_IMAGE), flight=sizes.flown))
     samples: list[dict[str, Any]] = []
+    pictures: list[Images] = []
     frames = sizes.flown.frames + sizes.timed
     label = f"{key['technique']} {key['budget']}"
     with (
-        Session.open(job, shared, context.cl_device) as session,
+        Session.open(job, site.standing(), site.cl_device) as session,
         progress(f"{label} rays a frame", frames) as advance,
+        worker.alone(),
     ):
         session.prepare(whole=True)
         for frame in range(frames):
@@ -181,9 +167,9 @@ def _run(
                 if when != _when(frame + 1, sizes):
                     images = session.images()
                     shown = {title: images[title] for title in ("frame", "indirect only")}
-                    writer.write(str(key["scene"]), f"{label} {when}", shown)
+                    pictures.append(Images(str(key["scene"]), f"{label} {when}", shown))
             advance(1)
-    return samples
+    return Found(samples=samples, images=pictures)
 
 
 def _when(frame: int, sizes: _Sizes) -> str | None:
@@ -250,12 +236,12 @@ def theirs() -> pd.DataFrame:
     return wide[[name for name in wide.columns if name != "total"] + ["total"]]
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     sizes = _sizes(context)
     width, height = context.shot(_IMAGE).width, context.shot(_IMAGE).height
     plot(
-        context.folder.path / "ray-budget",
+        kept.path / "ray-budget",
         [Axes(_heading(name), "thousand rays a frame at most", "median, ms", _series(ok, name))
          for name in _TIMES[:4]],
         f"Image {width} x {height}. Times of this machine, not of Ekberg's.",
@@ -323,4 +309,6 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    samples=_SAMPLE,
+    summarize=rows_of,
 )

@@ -19,17 +19,19 @@ from gibench.study.experiments.common import (
     TIMES,
     Context,
     Experiment,
+    Measuring,
     Point,
     markdown,
     published,
     published_section,
     timed,
 )
-from gibench.study.experiments.side_by_side import FORMATS, keep, kept
-from gibench.study.frozen import FrozenShared
+from gibench.study.experiments.kept import Found, Kept
+from gibench.study.experiments.side_by_side import FORMATS
 from gibench.study.settle import settle
 from gibench.study.through_camera import view
 from gibench.techniques.job import Job
+from gibench.work import Worker
 
 _TIMED_IMAGE, _IMAGE = (1334, 750), (480, 270)
 _RECEIVERS = (437_557, 199_406, 120_479, 56_581)
@@ -53,9 +55,9 @@ def _job(context: Context, receivers: int) -> Job:
     )
 
 
-def _truth(context: Context, shared: FrozenShared) -> Reference:
+def _truth(context: Context) -> Reference:
     """The camera's image of indirect irradiance: it knows of no receivers, so it suits them all."""
-    options, shot = context.quality(), context.shot(_IMAGE)
+    options, shot, shared = context.quality(), context.shot(_IMAGE), context.site.standing()
     scene = shared.scene(_scene(context))
     return reference_image(
         scene,
@@ -75,21 +77,22 @@ def _points(context: Context) -> Iterator[Point]:
         yield Point({"receivers": receivers}, _job(context, receivers))
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    job, shot, standing = point.job, context.shot(_IMAGE), context.standing()
-    times = timed(context, job, context.moving(), _TIMED_IMAGE)
-    settled = settle(replace(job, shot=shot), context.quality().settle, standing, context.cl_device)
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    job, site, shot = unit.point.job, context.site, context.shot(_IMAGE)
+    times, standing = timed(context, job, worker, _TIMED_IMAGE), site.standing()
+    still = replace(job, shot=shot)
+    settled = settle(still, context.quality().settle, standing, site.cl_device, worker)
     scene = standing.scene(job.scene)
     camera = choose_camera(scene, None)
     seen = view(scene, settled.lightmap, camera, shot.width, shot.height)
     image = seen.of(settled.irradiance)
-    keep(context, f"image {job.receivers}", image)
-    truth = _truth(context, standing)
+    truth = _truth(context)
     found = _errors(image, truth, seen.seen)
     values = {name: found[name].value for name in _ERRORS}
     noises = {f"{name}_noise": found[name].noise for name in _ERRORS}
     count = len(settled.lightmap.receivers)
-    return [{**times, "receivers_made": count, **values, **noises}]
+    rows = [{**times, "receivers_made": count, **values, **noises}]
+    return Found(rows, arrays={f"image {job.receivers}": image})
 
 
 def _errors(image: Any, truth: Reference, seen: Any) -> dict[str, Measure]:
@@ -105,11 +108,11 @@ def _errors(image: Any, truth: Reference, seen: Any) -> dict[str, Measure]:
     }
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"].sort_values("receivers")
     counts = ok["receivers"].tolist()
     plot(
-        context.folder.path / "receiver-reduction",
+        kept.path / "receiver-reduction",
         [
             Axes(
                 "time",
@@ -126,14 +129,14 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         ],
         "Times of this machine under the profile's limits, not of the device it models.",
     )
-    truth = _truth(context, context.standing())
+    truth = _truth(context)
     exposure = metrics.default_exposure(truth.value)
     row = [Picture("path-traced", tone_map(truth.value, exposure))]
     for receivers in counts[::-1]:
-        image = kept(context, f"image {receivers}")
+        image = kept.array(f"image {receivers}")
         if image is not None and image.shape == truth.value.shape:
             row.append(Picture(f"{receivers:,} receivers", tone_map(image, exposure)))
-    panel(context.folder.path / "receiver-reduction-pictures", [row], "Indirect irradiance.")
+    panel(kept.path / "receiver-reduction-pictures", [row], "Indirect irradiance.")
     theirs = published("frame_times")
     theirs = theirs[(theirs["where"] == "section 6.6") & (theirs["pass"] == "frame")]
     return "\n\n".join(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,15 +13,18 @@ from gibench.study.experiments.common import (
     TIMES,
     Context,
     Experiment,
+    Measuring,
     Point,
     markdown,
     published,
     published_section,
     timed,
 )
+from gibench.study.experiments.kept import Found, Kept
 from gibench.study.slope import fit_line
 from gibench.techniques.job import Job
 from gibench.techniques.srp.bake.data import sh_count
+from gibench.work import Worker
 
 _IMAGE = (1334, 750)
 # Section 6.5: one parameter at a time, the others at these.
@@ -70,11 +72,11 @@ def _points(context: Context) -> Iterator[Point]:
                 yield Point({"axis": axis, "value": value, "profile": profile.name}, job)
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    return [timed(context, point.job, context.moving(), _IMAGE)]
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    return Found([timed(context, unit.point.job, worker, _IMAGE)])
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"]
     axes, fits = [], []
     for axis, (title, per, scale) in _X.items():
@@ -102,7 +104,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
         if series:
             axes.append(Axes(f"against {title}", title, "median frame, ms", series))
     plot(
-        context.folder.path / "scaling",
+        kept.path / "scaling",
         axes,
         "Times of this machine under the profiles' limits, not of the devices they model.",
     )

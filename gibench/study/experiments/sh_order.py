@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,18 @@ import pandas as pd
 
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.errors import METRICS, Truth, errors
-from gibench.study.experiments.common import Context, Experiment, Point, markdown
+from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
+from gibench.study.experiments.kept import Found, Kept, as_kept
 from gibench.study.experiments.side_by_side import (
     COLUMNS,
     FORMATS,
     SHOWN,
     compared,
-    kept,
     result_panel,
     truth_of,
 )
 from gibench.techniques.job import Job
+from gibench.work import Worker
 
 _IMAGE = (640, 360)
 _ORDERS = tuple(range(8))
@@ -39,29 +41,30 @@ def _job(context: Context, order: int) -> Job:
 
 def _points(context: Context) -> Iterator[Point]:
     orders = (0, 2, _HIGHEST) if context.quick else _ORDERS
-    for order in sorted(orders, reverse=True):  # the highest first: the others are held against it
-        yield Point({"sh_order": order}, _job(context, order))
+    for order in sorted(orders, reverse=True):  # the others are held against the highest
+        needs = () if order == _HIGHEST else (_label(_HIGHEST),)
+        yield Point({"sh_order": order}, _job(context, order), needs)
 
 
-def _measure(context: Context, point: Point) -> list[dict[str, Any]]:
-    order, shared = point.key["sh_order"], context.standing()
-    rows = compared(context, point.job, shared, _IMAGE, _label(order))
-    rows = [{**row, "against": "reference"} for row in rows]
-    highest, mine = kept(context, _label(_HIGHEST)), kept(context, _label(order))
-    if order == _HIGHEST or highest is None or mine is None:
-        return rows
-    group = truth_of(context, point.job, shared, _IMAGE)
+def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
+    order, job = unit.point.key["sh_order"], unit.point.job
+    found = compared(context, job, worker, _IMAGE, _label(order))
+    rows: list[dict[str, Any]] = [{**row, "against": "reference"} for row in found.rows]
+    highest, mine = unit.needed.get(_label(_HIGHEST)), as_kept(found.arrays[_label(order)])
+    if highest is None:
+        return replace(found, rows=rows)
+    group = truth_of(context, job, _IMAGE)
     truth = Truth.of(
         highest, np.zeros_like(highest), group.lightmap.receivers.area, group.truth.view
     )
-    for region, found in errors(truth, mine, group.regions).items():
-        values = {name: found[name].value for name in METRICS}
-        noises = {f"{name}_noise": found[name].noise for name in METRICS}
+    for region, measured in errors(truth, mine, group.regions).items():
+        values = {name: measured[name].value for name in METRICS}
+        noises = {f"{name}_noise": measured[name].noise for name in METRICS}
         rows.append({"region": region, "against": _label(_HIGHEST), **values, **noises})
-    return rows
+    return replace(found, rows=rows)
 
 
-def _present(context: Context, table: pd.DataFrame) -> str:
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"].sort_values(["against", "region", "sh_order"])
     axes = []
     for against, title in (
@@ -77,9 +80,9 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             axes.append(
                 Axes(title, "order of spherical harmonics", "MSE of L*", series, log_y=True)
             )
-    plot(context.folder.path / "sh-order", axes, "Indirect irradiance through the camera.")
+    plot(kept.path / "sh-order", axes, "Indirect irradiance through the camera.")
     shown = ["sh_order", "against", "region", *SHOWN]
-    group = truth_of(context, _job(context, _HIGHEST), context.standing(), _IMAGE)
+    group = truth_of(context, _job(context, _HIGHEST), _IMAGE)
     labels = [_label(order) for order in sorted(set(ok["sh_order"]))]
     return "\n\n".join(
         (
@@ -88,7 +91,7 @@ def _present(context: Context, table: pd.DataFrame) -> str:
             "set beside these.",
             markdown(ok[shown], FORMATS),
             "![errors](sh-order.png)",
-            result_panel(context, "sh-order-pictures", group.truth, labels),
+            result_panel(kept, "sh-order-pictures", group.truth, labels),
         )
     )
 

@@ -1,26 +1,21 @@
-"""Settled results against the reference, kept on disk so that pictures survive an interruption."""
+"""Settled results against the reference, and their pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from gibench.arrays import Doubles
-from gibench.measure.runfolder.folder import write_atomically
 from gibench.reference.lights import luminance
 from gibench.report.images import tone_map
 from gibench.report.plots import Picture, panel
 from gibench.study.errors import METRICS, Truth
 from gibench.study.experiments.common import Context
-from gibench.study.frozen import FrozenShared
+from gibench.study.experiments.kept import Found, Kept
 from gibench.study.pictures import SCALE
 from gibench.study.quality import Group, group_of, rows_of
 from gibench.study.settle import settle
 from gibench.techniques.job import Job
+from gibench.work import Worker
 
 COLUMNS = (
     "region",
@@ -40,51 +35,30 @@ SHOWN = tuple(FORMATS)
 
 
 def compared(
-    context: Context,
-    job: Job,
-    shared: FrozenShared,
-    image: tuple[int, int],
-    label: str,
-) -> list[dict[str, Any]]:
-    """Settle, keep the irradiance under ``label`` and return a row per region.
+    context: Context, job: Job, worker: Worker, image: tuple[int, int], label: str
+) -> Found:
+    """Settle: a row per region, and the irradiance under ``label``.
 
     Raises:
-        GibenchError: it cannot run, or the disk refuses.
+        GibenchError: it cannot run.
     """
-    options, job = context.quality(), replace(job, shot=context.shot(image))
-    group = group_of(job, options, shared)
-    settled = settle(job, options.settle, shared, context.cl_device)
-    keep(context, label, settled.irradiance)
-    return [
+    options, site, job = context.quality(), context.site, replace(job, shot=context.shot(image))
+    group = group_of(job, options, site)
+    settled = settle(job, options.settle, site.standing(), site.cl_device, worker)
+    rows = [
         {name: row[name] for name in (*COLUMNS, "reason")}
-        for row in rows_of(settled, group, options, shared, label)
+        for row in rows_of(settled, group, options, label)
     ]
+    return Found(rows, arrays={label: settled.irradiance})
 
 
-def truth_of(context: Context, job: Job, shared: FrozenShared, image: tuple[int, int]) -> Group:
+def truth_of(context: Context, job: Job, image: tuple[int, int]) -> Group:
     """The receivers and the reference that ``job`` is compared with."""
-    return group_of(replace(job, shot=context.shot(image)), context.quality(), shared)
-
-
-def keep(context: Context, label: str, values: Doubles) -> None:
-    """Keep ``values`` under ``label`` in the folder."""
-    import io
-
-    content = io.BytesIO()
-    np.save(content, values.astype(np.float32))
-    write_atomically(_file(context, label), content.getvalue())
-
-
-def kept(context: Context, label: str) -> Doubles | None:
-    """What was kept under ``label``, or None."""
-    try:
-        return np.asarray(np.load(_file(context, label), allow_pickle=False), np.float64)
-    except (OSError, ValueError):
-        return None
+    return group_of(replace(job, shot=context.shot(image)), context.quality(), context.site)
 
 
 def result_panel(
-    context: Context,
+    kept: Kept,
     name: str,
     truth: Truth,
     labels: Sequence[str],
@@ -99,7 +73,7 @@ def result_panel(
     limit = SCALE / truth.exposure
     below: list[Picture | None] = [None]
     for label in labels:
-        values = kept(context, label)
+        values = kept.array(label)
         if values is None or len(values) != len(truth.value):
             continue
         image = truth.view.of(values)
@@ -108,14 +82,8 @@ def result_panel(
         title = f"{label}, minus reference"
         below.append(Picture(title, signed, "RdBu_r", (-limit, limit), "W/m²"))
     panel(
-        context.folder.path / name,
+        kept.path / name,
         [above, below, *more],
         "Indirect irradiance without albedo, through the lightmap; one exposure, one scale.",
     )
     return f"![{name}]({name}.png)"
-
-
-def _file(context: Context, label: str) -> Path:
-    from gibench.report.images import file_name
-
-    return context.folder.path / "irradiance" / f"{file_name(label)}.npy"
