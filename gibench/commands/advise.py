@@ -13,8 +13,8 @@ from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import check_settings_names
+from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
-from gibench.measure.runfolder.record import study_record
 from gibench.report.advice import advice_report, plot_advice
 from gibench.report.tables import csv_text
 from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep

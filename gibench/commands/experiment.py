@@ -10,8 +10,8 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.device import select_cl_device
+from gibench.measure.record import study_record
 from gibench.measure.runfolder.folder import RunFolder
-from gibench.measure.runfolder.record import study_record
 from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
 from gibench.study.experiments.common import Context, run_experiment

@@ -14,8 +14,8 @@ from gibench.commands import asked
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
+from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
-from gibench.measure.runfolder.record import study_record
 from gibench.report.quality import quality_report, quality_table
 from gibench.report.tables import csv_text
 from gibench.study.pictures import write_pictures

@@ -6,8 +6,10 @@ is built from: it can be hashed, cached, compared between revisions and built fr
 
 from __future__ import annotations
 
+import hashlib
 import re
 from importlib.resources.abc import Traversable
+from pathlib import Path
 
 from gibench.errors import GibenchError
 from gibench.resources import data
@@ -51,3 +53,12 @@ def _expand(path: str, root: Traversable, seen: set[str]) -> str:
         return f'\n{_expand(match.group(1), root, seen)}#line {after} "{path}"'
 
     return f'#line 1 "{path}"\n{_INCLUDE.sub(included, text)}\n'
+
+
+def tree_hash(root: Path) -> str:
+    """SHA-256 of the names and content of every source beneath ``root``."""
+    found = hashlib.sha256()
+    for file in sorted(root.rglob("*.cl")):
+        found.update(f"{file.relative_to(root).as_posix()}\0".encode())
+        found.update(hashlib.sha256(file.read_bytes()).digest())
+    return found.hexdigest()

@@ -10,9 +10,9 @@ from typing import Any
 from gibench.errors import CannotRun, CheckFailed, GibenchError, Interrupted
 from gibench.measure.machine import roofs as machine_roofs
 from gibench.measure.plan.stopping import Plan
+from gibench.measure.record import begin_record, finish_record
 from gibench.measure.runfolder.axes import Axis, axes_of
 from gibench.measure.runfolder.folder import RunFolder
-from gibench.measure.runfolder.record import begin_record, finish_record
 from gibench.measure.session.cold import CacheFlush
 from gibench.measure.session.interrupts import Interrupts
 from gibench.measure.session.loop import RunOutcome, TakeImages, run_jobs

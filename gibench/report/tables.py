@@ -123,7 +123,7 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     frames = samples.groupby(["configuration", "frame"], sort=False).agg(
         wall=("frame_wall_ms", "first"), device=("time_ms", "sum")
     )
-    gi_ms = _gi_ms(samples, record)
+    gi_ms = gi_ms_of(samples, record)
     rows = []
     for entry in record["configurations"]:
         times = frames[frames.index.get_level_values(0) == entry["configuration"]]
@@ -144,7 +144,7 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     return _frame(rows, frame_columns(record))
 
 
-def _gi_ms(samples: pd.DataFrame, record: Mapping[str, Any]) -> dict[int, float]:
+def gi_ms_of(samples: pd.DataFrame, record: Mapping[str, Any]) -> dict[int, float]:
     """By configuration, the median over frames of its passes of stage ``gi`` together."""
     found = {}
     for entry in record["configurations"]:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats, Ints, Vec3
 from gibench.scene.cutouts import Cutouts
-from gibench.scene.motion.poses import Motion
+from gibench.scene.poses import Motion
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
 

@@ -12,7 +12,7 @@ from gibench.scene.builtin import moving_names
 from gibench.scene.model import Scene
 from gibench.scene.motion.file import load_motions, motions_hash
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.motion.poses import Motion
+from gibench.scene.poses import Motion
 from gibench.scene.readers.recentre import motions_from_file
 
 REST: Final = "rest"

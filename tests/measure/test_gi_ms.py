@@ -14,7 +14,7 @@ from gibench.measure.plan.grid import grid
 from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.profiles import load_profile
-from gibench.report.tables import _gi_ms
+from gibench.report.tables import gi_ms_of
 from gibench.techniques.job import Shot
 from gibench.techniques.registry import find_technique
 from gibench.techniques.technique import CAMERA
@@ -57,13 +57,13 @@ def stages_ms(name: str, root: Path, cache: Path) -> tuple[float, float]:
         ]
         samples = pd.DataFrame(rows)
         camera = [item.name for item in session.prepared if item.stage == CAMERA]
-    gi = _gi_ms(samples, {"configurations": [{"configuration": 1, "passes": passes}]})[1]
+    gi = gi_ms_of(samples, {"configurations": [{"configuration": 1, "passes": passes}]})[1]
     taken = samples[samples["pass"].isin(camera)].groupby("frame")["time_ms"].sum()
     return gi, float(taken.median())
 
 
 @pytest.mark.parametrize("name", ["ddgi", "gibs", "srp"])
-def test_a_slow_lookup_is_seen_in_gi_ms(name: str, tmp_path: Path) -> None:
+def test_a_slow_lookup_is_seen_ingi_ms_of(name: str, tmp_path: Path) -> None:
     gi, camera = stages_ms(name, TREE, tmp_path / "cache")
     slow_gi, slow_camera = stages_ms(name, slowed(tmp_path), tmp_path / "cache")
     assert slow_gi > 2 * gi

@@ -46,7 +46,7 @@ from gibench.measure.statistics.summary import (
 from gibench.profiles import DeviceProfile, load_profile
 from gibench.report.tables import frame_columns, pass_columns
 from gibench.scene.builtin import build
-from gibench.scene.viewpoint import suggested_camera
+from gibench.scene.readers.viewpoint import suggested_camera
 from gibench.study.quality import columns
 from gibench.techniques.job import Job, Known, Shot, World
 from gibench.techniques.registry import declared_counts, find_technique

@@ -32,7 +32,7 @@ from gibench.rays.embree import EmbreeTracer
 from gibench.rays.refit import RefitPlan
 from gibench.rays.tracer import Hits
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.motion.poses import Turn
+from gibench.scene.poses import Turn
 from gibench.techniques.parts.frame_scene import FrameScene
 
 SIZES = [1, 7, 64, 100]  # none of them divides what is moved

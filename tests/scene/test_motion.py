@@ -14,7 +14,7 @@ from gibench.scene.builtin import moving_names, names
 from gibench.scene.load import load_scene
 from gibench.scene.motion.file import load_motions
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.motion.poses import IDENTITY, Keyframes, Turn
+from gibench.scene.poses import IDENTITY, Keyframes, Turn
 from gibench.techniques.object_motion import MotionOptions
 
 ORIGIN = (0.0, 0.0, 0.0)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from gibench.errors import BadInput
 from gibench.scene.load import load_scene
-from gibench.scene.viewpoint import is_interior
+from gibench.scene.readers.viewpoint import is_interior
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

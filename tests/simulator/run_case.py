@@ -41,7 +41,7 @@ from gibench.scene.builtin import build
 from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.motion.poses import Turn
+from gibench.scene.poses import Turn
 from gibench.techniques.parts.camera_pass import camera_launch, rendered
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique

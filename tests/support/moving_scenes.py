@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from gibench.rays.bvh import Bvh
 from gibench.scene.model import Camera, Material, PointLight
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.motion.poses import IDENTITY, Keyframes
+from gibench.scene.poses import IDENTITY, Keyframes
 from support.gibs_scenes import box_parts, furnished, scene_of
 from support.rays_oracle import soup
 

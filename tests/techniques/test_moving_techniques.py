@@ -28,7 +28,7 @@ from gibench.cli.main import call
 from gibench.device import Device
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.motion.poses import Keyframes, Turn
+from gibench.scene.poses import Keyframes, Turn
 from gibench.techniques.direct import SPEC as DIRECT
 from gibench.techniques.gibs.settings import PERSPECTIVE
 from gibench.techniques.parts.frame_passes import frame_passes

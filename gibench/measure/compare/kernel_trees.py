@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import subprocess
 import tarfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from gibench.device.source import tree_hash
 from gibench.errors import BadInput
 
 FOLDER = "kernels_cl"
@@ -49,15 +49,6 @@ def kernel_tree(name: str, beneath: Path) -> KernelTree:
     if not any(root.rglob("*.cl")):
         raise BadInput("no OpenCL kernels (*.cl) there", where=name)
     return KernelTree(shown, root.resolve(), tree_hash(root))
-
-
-def tree_hash(root: Path) -> str:
-    """SHA-256 of the names and content of every source beneath ``root``."""
-    found = hashlib.sha256()
-    for file in sorted(root.rglob("*.cl")):
-        found.update(f"{file.relative_to(root).as_posix()}\0".encode())
-        found.update(hashlib.sha256(file.read_bytes()).digest())
-    return found.hexdigest()
 
 
 def _unpack(revision: str, beneath: Path) -> Path:

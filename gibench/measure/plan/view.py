@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gibench.errors import BadInput
 from gibench.scene.model import Camera, Scene
-from gibench.scene.viewpoint import suggested_camera
+from gibench.scene.readers.viewpoint import suggested_camera
 
 
 def choose_camera(scene: Scene, which: str | None) -> Camera:

@@ -21,8 +21,8 @@ import numpy as np
 import pyopencl as cl
 
 from gibench.device import Device
+from gibench.device.source import tree_hash
 from gibench.errors import CannotRun, GibenchError
-from gibench.measure.compare.kernel_trees import tree_hash
 from gibench.measure.runfolder.folder import write_atomically
 from gibench.measure.session.session import Session, with_size
 from gibench.measure.session.shared import Shared

@@ -17,7 +17,6 @@ from gibench.arrays import Vec3
 from gibench.resources import data
 from gibench.scene.builtin.patterns import pattern
 from gibench.scene.builtin.pieces import Piece
-from gibench.scene.defaults import suggested_sizes
 from gibench.scene.model import (
     Camera,
     Environment,
@@ -29,7 +28,8 @@ from gibench.scene.model import (
     Texture,
 )
 from gibench.scene.motion.file import read_motions
-from gibench.scene.motion.poses import Motion
+from gibench.scene.poses import Motion
+from gibench.scene.readers.defaults import suggested_sizes
 from gibench.scene.readers.scene_file import (
     read_camera,
     read_environment,

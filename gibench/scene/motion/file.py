@@ -13,7 +13,7 @@ import numpy as np
 from gibench.arrays import Vec3
 from gibench.errors import BadInput
 from gibench.scene.files import read_bytes
-from gibench.scene.motion.poses import IDENTITY, Keyframes, Matrix3, Motion, Turn, turn_about
+from gibench.scene.poses import IDENTITY, Keyframes, Matrix3, Motion, Turn, turn_about
 from gibench.scene.toml_table import Table
 
 _TURN_KEYS = ("object", "through", "axis", "period_frames", "swing_degrees")
@@ -27,7 +27,7 @@ def read_motions(entries: Any, where: object) -> tuple[Motion, ...]:
 
     Each names an ``object`` and has either ``axis`` (and ``period_frames``, ``swing_degrees``) or
     ``frames`` with one of ``positions`` (m) and ``rotate_degrees`` (about x, then y, then z) or
-    both, or with ``matrices`` (4 x 4, row-major); see :mod:`gibench.scene.motion.poses`.
+    both, or with ``matrices`` (4 x 4, row-major); see :mod:`gibench.scene.poses`.
 
     Raises:
         BadInput: an unknown key, a wrong value, or no rigid motion.

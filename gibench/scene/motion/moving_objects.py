@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gibench.arrays import Doubles, Ints
 from gibench.errors import BadInput
 from gibench.scene.model import Scene
-from gibench.scene.motion.poses import Motion
+from gibench.scene.poses import Motion
 
 _NAMES_TOLD = 8
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gibench.errors import printable
-from gibench.scene.defaults import scene_of
 from gibench.scene.model import Scene
 from gibench.scene.readers.backs import apart, with_backs
 from gibench.scene.readers.clean import clean
 from gibench.scene.readers.content import Content
+from gibench.scene.readers.defaults import scene_of
 from gibench.scene.readers.realise import realised
 from gibench.scene.readers.recentre import recentred
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gibench.arrays import Vec3
 from gibench.scene.model import Scene
-from gibench.scene.motion.poses import Keyframes, Motion, Turn
+from gibench.scene.poses import Keyframes, Motion, Turn
 from gibench.scene.readers.content import Array, Content, vec3
 
 # A scene is recentred where its middle lies further from the origin than so many of its diagonals:

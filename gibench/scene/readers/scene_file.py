@@ -33,7 +33,7 @@ from gibench.scene.model import (
     Texture,
 )
 from gibench.scene.motion.file import read_motions
-from gibench.scene.motion.poses import turn_about
+from gibench.scene.poses import turn_about
 from gibench.scene.readers.assemble import assembled
 from gibench.scene.readers.content import Array, Content, Part, join_contents, unit
 from gibench.scene.readers.environment_image import load_environment

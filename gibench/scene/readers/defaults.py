@@ -10,7 +10,7 @@ from gibench.scene.cutouts import Cutouts
 from gibench.scene.model import DirectionalLight, Environment, Material, Scene
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.content import Array, Content, unit
-from gibench.scene.viewpoint import suggested_camera
+from gibench.scene.readers.viewpoint import suggested_camera
 
 # A high sun that swings, so that every frame differs, five times as strong on a horizontal surface
 # as the sky: roughly a clear day. Units are as good as any other, since the image is tone-mapped.
