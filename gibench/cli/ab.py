@@ -59,6 +59,8 @@ def ab(
     frames: Annotated[
         int, typer.Option("--frames", "-n", min=1, metavar="N", help="Frames per process.")
     ] = 24,
+    warmup_frames: options.WarmupFrames = 1000,
+    warmup_seconds: options.WarmupSeconds = 30.0,
     seed: options.Seed = 0,
     cache_dir: options.CacheDir = None,
     markdown: options.MarkdownFile = None,
@@ -100,6 +102,8 @@ def ab(
         replicates=replicates,
         seconds=seconds,
         frames=frames,
+        warmup_frames=warmup_frames,
+        warmup_seconds=warmup_seconds,
         seed=seed,
         cache_dir=cache_dir,
     )

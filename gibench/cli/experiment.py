@@ -52,6 +52,8 @@ def experiment(
             "times as many.",
         ),
     ] = 30,
+    warmup_frames: options.WarmupFrames = 1000,
+    warmup_seconds: options.WarmupSeconds = 90.0,
     resolution: Annotated[
         str | None,
         typer.Option(
@@ -110,6 +112,8 @@ def experiment(
         target_error=target_error,
         reference_paths=reference_paths,
         frames=frames,
+        warmup_frames=warmup_frames,
+        warmup_seconds=warmup_seconds,
         resolution=resolution,
         out=out,
         seed=seed,

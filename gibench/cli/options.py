@@ -229,6 +229,27 @@ SettleFrames = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+WarmupFrames = Annotated[
+    int,
+    typer.Option(
+        "--warmup-frames",
+        min=0,
+        metavar="N",
+        help="Frames at most that warm-up waits for a technique to be at rest (filled, settled); 0 "
+        "does not wait.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+WarmupSeconds = Annotated[
+    float,
+    typer.Option(
+        "--warmup-seconds",
+        min=0,
+        metavar="S",
+        help="Seconds of frames at most that it waits.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Quiet = Annotated[
     bool,
     typer.Option(

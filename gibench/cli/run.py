@@ -40,10 +40,13 @@ def run(
             "--warmup",
             min=0,
             metavar="N",
-            help="Frames run first and not recorded, exactly; by default until times have settled.",
+            help="Frames run first and not recorded, exactly; by default until the technique is at "
+            "rest and times have settled.",
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    warmup_frames: options.WarmupFrames = 1000,
+    warmup_seconds: options.WarmupSeconds = 90.0,
     cold: Annotated[
         bool,
         typer.Option(
@@ -124,6 +127,8 @@ def run(
         settings=settings,
         frames=frames,
         warmup=warmup,
+        warmup_frames=warmup_frames,
+        warmup_seconds=warmup_seconds,
         cold=cold,
         resolution=resolution,
         camera=camera,

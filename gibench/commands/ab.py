@@ -15,6 +15,7 @@ from gibench.measure.compare.kernel_trees import kernel_tree
 from gibench.measure.compare.lockstep import SideFailed
 from gibench.measure.compare.paired import alarmed, undecided
 from gibench.measure.compare.replicate import Place
+from gibench.measure.plan.stopping import Patience
 from gibench.progress import progress
 from gibench.report.comparison import Comparison, Row
 
@@ -36,6 +37,8 @@ def ab(
     replicates: int | None = None,
     seconds: float = 100.0,
     frames: int = 24,
+    warmup_frames: int = 1000,
+    warmup_seconds: float = 30.0,
     seed: int = 0,
     cache_dir: str | Path | None = None,
 ) -> Comparison:
@@ -51,7 +54,14 @@ def ab(
     cache = asked.cache_folder(cache_dir)
     list_devices()
     checks.bake_once(job, cache)
-    how = AbOptions(limit, replicates, seconds=seconds, frames=frames, seed=seed)
+    how = AbOptions(
+        limit,
+        replicates,
+        seconds=seconds,
+        frames=frames,
+        patience=Patience(warmup_frames, warmup_seconds),
+        seed=seed,
+    )
     with tempfile.TemporaryDirectory() as folder:
         first, second = (kernel_tree(name, Path(folder)) for name in (old, new))
         try:
@@ -79,6 +89,8 @@ def ab(
             "threshold": limit,
             "slower": slower,
             "seconds": round(result.seconds, 1),
+            "warmup": result.warmup,
+            "rest": result.rest,
             "log_ratios": result.log_ratios,
             "output_difference": result.output_difference,
         },
@@ -106,6 +118,10 @@ def _remarks(result: AbResult, limit: float) -> list[str]:
             f"The machine is busy (load {load:.1f} on {os.cpu_count()} threads): intervals are "
             "wide and a slowdown may be missed."
         )
+    if result.rest:
+        remarks.append(f"Timed before it was itself: {result.rest} (--warmup-frames).")
+    elif result.warmup > AbOptions.warmup:
+        remarks.append(f"Each process was at rest before it was timed, {result.warmup} frames on.")
     if result.old.content_hash == result.new.content_hash:
         remarks.append("Old and new are the same kernels.")
     if rows := undecided(result.judged):

@@ -10,6 +10,7 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.device import select_cl_device
+from gibench.measure.plan.stopping import Patience
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.reference.path_tracer import check_paths
@@ -41,6 +42,8 @@ def experiment(
     target_error: float = 0.02,
     reference_paths: int | None = None,
     frames: int = 30,
+    warmup_frames: int = 1000,
+    warmup_seconds: float = 90.0,
     resolution: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
@@ -74,6 +77,8 @@ def experiment(
         "target_error": target_error,
         "reference_paths": reference_paths,
         "frames": frames,
+        "warmup_frames": warmup_frames,
+        "warmup_seconds": warmup_seconds,
         "resolution": resolution,
         "seed": seed,
     }
@@ -86,6 +91,7 @@ def experiment(
         scenes=scenes,
         quick=quick,
         frames=frames,
+        patience=Patience(warmup_frames, warmup_seconds),
         resolution=image,
         target_error=target_error,
         reference_paths=reference_paths,

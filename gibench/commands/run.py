@@ -13,7 +13,7 @@ from gibench.commands import asked
 from gibench.device.device import select_cl_device
 from gibench.errors import GibenchError, printable
 from gibench.measure.plan.grid import job_label
-from gibench.measure.plan.stopping import Plan
+from gibench.measure.plan.stopping import Patience, Plan
 from gibench.measure.run import Measured, verdict
 from gibench.measure.run import run as measure
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder
@@ -63,6 +63,8 @@ def run(
     settings: asked.SettingsAsked = None,
     frames: int | None = None,
     warmup: int | None = None,
+    warmup_frames: int = 1000,
+    warmup_seconds: float = 90.0,
     cold: bool = False,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
@@ -92,14 +94,18 @@ def run(
         GibenchError: the folder cannot be written.
     """
     given = locals()
-    arguments = asked.recorded(given, "warmup", "cold", "fit", "save_images")
+    arguments = asked.recorded(
+        given, "warmup", "warmup_frames", "warmup_seconds", "cold", "fit", "save_images"
+    )
     arguments["motion"] = printable(Path(motion).name)
     jobs = asked.jobs_of(given)
     cl_device = select_cl_device(device)
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
     for job in jobs:
         check_job(job, shared)
-    plan = Plan(frames=frames or jobs[0].shot.flight.frames or None, warmup=warmup)
+    patience = Patience(warmup_frames, warmup_seconds)
+    flown = jobs[0].shot.flight.frames
+    plan = Plan(frames=frames or flown or None, warmup=warmup, patience=patience)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
     folder = asked.folder_for(out, "runs", profiles, arguments)
     measured = measure(

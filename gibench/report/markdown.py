@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
+from gibench.measure.runfolder.results import AT_REST
 from gibench.measure.statistics.summary import REAL_TIME_MS, moved
 from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
@@ -92,6 +93,8 @@ def _frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
             row["workgroup_size"],
             *(_cell(row[name]) for name in (*axes, *counts, "receivers")),
             row["frames"],
+            _cell(row["frames_to_rest"]),
+            number(row["ms_to_rest"], 0),
             number(row["gi_ms"]),
             *(number(row[name]) for name in ("median_ms", "p95_ms", "p99_ms", "min_ms")),
             number(row["device_ms"]),
@@ -109,6 +112,8 @@ def _frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
         *(
             "receivers",
             "frames",
+            "frames to rest",
+            "ms to rest",
             "GI ms",
             "median ms",
             "p95 ms",
@@ -186,6 +191,10 @@ def _how(record: Mapping[str, Any], passes: pd.DataFrame, frames: pd.DataFrame) 
         if why:
             count = sum(entry.get("stopped") == why for entry in entries)
             lines.append(f"{count} of {len(entries)} configurations ended with {why}.")
+    for rest in dict.fromkeys(entry.get("rest", "") for entry in entries):
+        if rest:
+            count = sum(entry.get("rest") == rest for entry in entries)
+            lines.append(f"{count} of {len(entries)} configurations: {_rest_told(rest)}.")
     if cold := record.get("cold"):
         covered = "twice" if cold["covered"] else "only in part"
         lines.append(
@@ -205,6 +214,12 @@ def _how(record: Mapping[str, Any], passes: pd.DataFrame, frames: pd.DataFrame) 
                 lines.append(f"{title}: {name}: {'; '.join(told)}.")
     lines = [line for line in lines if line]
     return ["## How it was measured", "\n".join(f"- {line}" for line in lines)] if lines else []
+
+
+def _rest_told(rest: str) -> str:
+    if rest.startswith("never"):
+        return f"{rest}; timed once times had settled"
+    return f"{rest} when timed" if rest == AT_REST else rest
 
 
 def _turns(entries: Sequence[Mapping[str, Any]]) -> str:
@@ -262,6 +277,9 @@ def _meaning(record: Mapping[str, Any]) -> str:
         "*GI* is what the technique costs: a frame's passes of stage `gi` together, the lookup at "
         "the pixels too; without the camera's rays and direct light (`camera`) and without what "
         "puts objects in their place (`geometry`).",
+        "*Frames to rest* and *ms to rest* are what a technique takes to become what is timed: "
+        "until its surfels, probes or bounces are there (blank where it never rests or does not "
+        "tell).",
         f"Real-time means a median of at most {REAL_TIME_MS} ms **on the machine measured**. It "
         "does not say that the modelled device is or is not real-time.",
         "Times of two runs on a shared machine differ by tens of percent; compare inside one run.",

@@ -42,6 +42,7 @@ def quality_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> 
         "memory_budget_bytes",
         "uncovered",
         "hidden",
+        "frames_to_rest",
     ):
         table[name] = table[name].astype("Int64")
     return table

@@ -25,7 +25,10 @@ from gibench.measure.statistics.summary import (
 from gibench.techniques.registry import declared_counts
 from gibench.techniques.technique import CAMERA, GEOMETRY, GI, Work
 
-_WHOLE = ("receivers", "workgroup_size", "configuration", "outliers", "bytes", "flops", "rays")
+_WHOLE = (
+    *("receivers", "workgroup_size", "configuration", "outliers", "bytes", "flops", "rays"),
+    "frames_to_rest",
+)
 _WORK = ("flops", "bytes_read", "bytes_written", "rays", "atomics")
 
 
@@ -55,6 +58,7 @@ def frame_columns(record: Mapping[str, Any]) -> tuple[str, ...]:
         *("memory_bytes", "memory_budget_bytes", "status", "reason"),
         *("device_ms", "gap_ms", "warmup", "configuration"),
         *("ci_low_ms", "ci_high_ms", "outliers", "stopped", "remarks"),
+        *("rest", "frames_to_rest", "ms_to_rest"),
     )
 
 
@@ -113,8 +117,10 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     A frame's time is the host's: from before its uploads until the queue is empty again.
     ``device_ms`` is the median of what its kernels take together, ``gap_ms`` the median of the
     rest. ``gi_ms`` is the median of what the passes of stage ``gi`` take together: what the
-    technique costs. It is blank in runs from before passes had stages. Where a pass could not run
-    there is no whole frame, so the times are blank.
+    technique costs. It is blank in runs from before passes had stages. ``rest`` says whether the
+    technique was at rest when it was timed, ``frames_to_rest`` and ``ms_to_rest`` what filling took
+    until then; blank where it does not tell, and in runs from before it did. Where a pass could not
+    run there is no whole frame, so the times are blank.
 
     Args:
         samples: the content of ``samples.csv``.

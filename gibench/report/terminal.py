@@ -32,6 +32,8 @@ def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, An
         out.print(f"[bold]{escape(heading(frame, record))}[/]", soft_wrap=True)
         out.print(_passes(mine))
         out.print(_frame_line(frame, record["environment"]["cpu"]), soft_wrap=True)
+        if told := rest_line(frame):
+            out.print(told, soft_wrap=True)
         if frame["reason"]:
             out.print(
                 f"[yellow]{frame['status']}[/]: {escape(str(frame['reason']))}", soft_wrap=True
@@ -64,6 +66,14 @@ def heading(frame: pd.Series, record: Mapping[str, Any]) -> str:
     ]
     parts.append(f"work-group {frame['workgroup_size']}")
     return ", ".join(parts)
+
+
+def rest_line(frame: pd.Series) -> str:
+    """What filling took, in words; empty where nothing had to be filled or it never ended."""
+    frames = frame.get("frames_to_rest")
+    if frames is None or pd.isna(frames) or not frames:
+        return ""
+    return f"at rest after {frames:,} frames, {frame['ms_to_rest']:,.0f} ms"
 
 
 def _passes(passes: pd.DataFrame) -> Table:

@@ -49,6 +49,7 @@ def columns(axes: Sequence[Axis]) -> tuple[str, ...]:
         *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
         *("uncovered", "bias_covered", "bias_covered_noise"),
         *("hidden", "bias_open", "bias_open_noise", "rel_l2_open", "rel_l2_open_noise"),
+        *("rest", "frames_to_rest", "ms_to_rest"),
     )
 
 
@@ -330,7 +331,10 @@ def rows_of(
         "settled": settled.settled,
         "change": settled.change,
         "status": OK,
-        "reason": "" if settled.settled else _unsettled(settled),
+        "reason": "; ".join(filter(None, (_unsettled(settled), settled.unrested))),
+        "rest": settled.rest,
+        "frames_to_rest": settled.frames_to_rest,
+        "ms_to_rest": settled.ms_to_rest,
     }
     rows = [
         {**common, "region": region, **_figures(measures)} for region, measures in found.items()
@@ -445,6 +449,8 @@ def _refused(
 
 
 def _unsettled(settled: Settled) -> str:
+    if settled.settled:
+        return ""
     return (
         f"not settled after {settled.frames} frames: the mean irradiance still moved by "
         f"{100 * settled.change:+.2g} % while they doubled"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,7 +33,8 @@ class Rows:
 
     @staticmethod
     def at(path: Path, keys: Sequence[str], columns: Sequence[str]) -> Rows:
-        """The rows of ``path``, which is begun where there is none.
+        """The rows of ``path``, which is begun where there is none. A file from before some columns
+        were there gets them, blank.
 
         Raises:
             BadInput: there is a file with other columns.
@@ -44,13 +46,19 @@ class Rows:
             return rows
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
-            if tuple(reader.fieldnames or ()) != rows.columns:
+            found, held = tuple(reader.fieldnames or ()), list(reader)
+        if found != rows.columns:
+            if found != tuple(name for name in rows.columns if name in found) or not found:
                 raise BadInput(
                     "the file has other columns than this experiment writes",
                     where=path,
                     mend="give another folder with --out",
                 )
-            rows._done = {tuple(row[name] for name in rows.keys) for row in reader}
+            lines = [rows.columns, *([row.get(name, "") for name in rows.columns] for row in held)]
+            text = io.StringIO()
+            csv.writer(text, lineterminator="\n").writerows(lines)
+            write_atomically(path, text.getvalue().encode())
+        rows._done = {tuple(row.get(name, "") for name in rows.keys) for row in held}
         return rows
 
     def done(self, key: Mapping[str, Any]) -> bool:

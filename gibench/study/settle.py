@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gibench.arrays import Doubles
 from gibench.errors import CannotRun
 from gibench.measure.plan.grid import job_label
+from gibench.measure.session.rest import RestWatch
 from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Summary, summarize
@@ -58,6 +59,10 @@ class Settled:
         settled: whether it stood still at the end.
         change: of the mean irradiance in the last doubling of frames, as a share.
         times: wall times of the last frames.
+        rest: whether it is at rest, in words; empty where the technique does not tell.
+        unrested: the same where it is not, though it may be.
+        frames_to_rest: after so many it was, if it was.
+        ms_to_rest: that those took.
     """
 
     job: Job
@@ -70,6 +75,10 @@ class Settled:
     settled: bool
     change: float
     times: Summary
+    rest: str = ""
+    unrested: str = ""
+    frames_to_rest: int | None = None
+    ms_to_rest: float | None = None
 
 
 def settle(
@@ -80,7 +89,8 @@ def settle(
     worker: Worker,
     among: str = "",
 ) -> Settled:
-    """Run ``job`` until it is settled or has run all its frames, which are timed.
+    """Run ``job`` until it is settled and, if it tells, at rest, or has run all its frames, which
+    are timed.
 
     Args:
         job: what to run.
@@ -102,11 +112,14 @@ def settle(
         with worker.alone(), progress(title, options.frames) as advance:
             frames, times = 0, []
             watch = _Watch(options, _next=job.shot.flight.frames + FIRST_CHECK)
+            rest = RestWatch.over(session)
             while frames < options.frames:
                 times.append(session.frame(frames).wall_ms)
                 frames += 1
                 advance(1)
-                if watch.asks(frames) and watch.stands_still(session.irradiance()):
+                rest.ran(times[-1])
+                still = watch.asks(frames) and watch.stands_still(session.irradiance())
+                if still and not rest.waits:
                     break
         warm = times[min(3, len(times) - 1) :][-options.timed :]
         return Settled(
@@ -120,6 +133,10 @@ def settle(
             settled=watch.settled,
             change=watch.change,
             times=summarize(warm),
+            rest=rest.in_words(),
+            unrested=rest.warning(),
+            frames_to_rest=rest.frames_to_rest,
+            ms_to_rest=rest.ms_to_rest,
         )
 
 

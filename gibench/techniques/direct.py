@@ -54,6 +54,10 @@ class Direct:
         """The frame, (h, w, 3) W/m2/sr."""
         return {"frame": rendered(self.scene, self._workgroup_size, packets=self._packets)}
 
+    def at_rest(self) -> bool:
+        """Always: it keeps nothing from one frame to the next."""
+        return True
+
     def indirect_irradiance(self) -> FloatArray:
         """Zeros (n, 3): it computes none."""
         return np.zeros((self._receivers, 3), np.float32)
@@ -72,5 +76,6 @@ SPEC = TechniqueSpec(
     buffers=FrameScene.declared,
     # It has no indirect light, which is as right wherever things are.
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
+    woken_by=frozenset(),
     memory_options=("--resolution",),
 )

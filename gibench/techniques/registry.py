@@ -58,6 +58,14 @@ class Follows(Enum):
     """The lightmap's receivers are asked for where they have moved to."""
 
 
+class Wakes(Enum):
+    """What moves and may keep a technique from ever being at rest, in words."""
+
+    CAMERA = "the camera flies"
+    OBJECTS = "objects move"
+    LIGHTS = "lights move"
+
+
 def no_sweep(scene: Scene) -> Mapping[str, tuple[Any, ...]]:
     """For a technique of which advice tries nothing but its defaults."""
     return {}
@@ -94,6 +102,8 @@ class TechniqueSpec:
         check: refuses settings that do not suit a scene (BadInput) before any long work.
         follows: what of it follows objects that move; what holds only for the scene at rest (a
             bake) does not. One that does not follow with its direct light is not run with motion.
+        woken_by: what, where it moves, keeps it from ever being at rest
+            (:class:`gibench.techniques.technique.KnowsItsRest`).
         counts: those of :meth:`Technique.counts` that tables show; by name, the one that stands for
             it where a configuration is told from others, in which chance has no part.
         memory_options: what on the command line lowers its memory, for messages; its receivers
@@ -110,6 +120,7 @@ class TechniqueSpec:
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     check: Callable[[Scene, Any], None] = no_check
     follows: frozenset[Follows] = frozenset()
+    woken_by: frozenset[Wakes] = frozenset(Wakes)
     counts: Mapping[str, str] = field(default_factory=dict)
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 

@@ -38,6 +38,9 @@ class Work:
     atomics: float = 0.0
 
 
+LOOK_EVERY: Final = 8
+"""Frames from one look of the harness at :class:`KnowsItsRest` to the next."""
+
 Stage = Literal["camera", "geometry", "gi"]
 """What of a frame a pass belongs to (see the constants)."""
 CAMERA: Final = "camera"
@@ -120,4 +123,21 @@ class KnowsItsCover(Protocol):
 
     def covered(self) -> npt.NDArray[np.bool_]:
         """Which receivers (n,) the last frame's ``indirect_irradiance`` speaks of."""
+        ...
+
+
+@runtime_checkable
+class KnowsItsRest(Protocol):
+    """A technique that says when it has become what it stays: filled, gathered, at its own cost.
+
+    Of one that does not, times are taken once they have settled. What that moves keeps it from ever
+    being at rest its ``SPEC`` says (``woken_by``).
+    """
+
+    def at_rest(self) -> bool:
+        """Whether it is at rest, by what the last frame left on the device and by what it was when
+        this was asked before: first when no frame has run, then every ``LOOK_EVERY`` frames until
+        it is, and once more after the last frame. Asked between frames, outside all timing; changes
+        nothing on the device. The docstring of each defines its figures and says their source.
+        """
         ...

@@ -36,7 +36,7 @@ def timed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
         pairs = []
         draws = np.random.default_rng(9)
 
-        def pair(job, old, new, *, frames, warmup, rng, keep):
+        def pair(job, old, new, *, frames, warmup, rng, keep, patience):
             pairs.append(1)
             if keep is not None:
                 for name in ("OLD", "NEW"):

@@ -12,7 +12,7 @@ from gibench.bake.stage import Keep, Stage, Unit, stage_key
 from gibench.device import BufferSpec, Device, Launch, ProgramSpec, reads, scalar, writes
 from gibench.errors import BadInput
 from gibench.techniques.job import Job, Known, World
-from gibench.techniques.registry import BakeContext, TechniqueSpec
+from gibench.techniques.registry import BakeContext, TechniqueSpec, Wakes
 from gibench.techniques.technique import Pass, Work
 from gibench.work import Worker
 
@@ -30,6 +30,8 @@ class FakeSettings:
     counted: bool = False
     fault: str | None = None
     fault_frame: int = 2
+    rests_after: int | None = None
+    wakes_after: int | None = None
 
     def __post_init__(self) -> None:
         if self.scale < 0:
@@ -38,6 +40,7 @@ class FakeSettings:
 
 class Fake:
     name: ClassVar[str] = "fake"
+    last_frame = -1
 
     def __init__(self, device: Device, job: Job, world: World) -> None:
         self.device, self.settings = device, FakeSettings()
@@ -105,6 +108,22 @@ class Fake:
         return {"receivers": self.receivers, "probes": self.settings.probes or 7}
 
 
+class Resting(Fake):
+    """Tells that it is at rest from one frame on, and up to another."""
+
+    def at_rest(self) -> bool:
+        frames, settings = self.last_frame + 1, self.settings
+        assert settings.rests_after is not None
+        asleep = settings.wakes_after is None or frames < settings.wakes_after
+        return frames >= settings.rests_after and asleep
+
+
+def create(device: Device, job: Job, world: World) -> Fake:
+    """One that tells where it is told when it rests."""
+    tells = getattr(job.settings, "rests_after", None) is not None
+    return (Resting if tells else Fake)(device, job, world)
+
+
 def stages(context: BakeContext) -> tuple[Stage, ...]:
     """One that refuses if told so."""
     return (
@@ -146,8 +165,9 @@ SPEC = TechniqueSpec(
     variants=("published", "tuned"),
     settings_type=FakeSettings,
     stages=stages,
-    create=Fake,
+    create=create,
     buffers=buffers,
+    woken_by=frozenset({Wakes.CAMERA, Wakes.OBJECTS}),
     counts={"probes": "probes"},
 )
 

@@ -15,9 +15,13 @@ from gibench.measure.compare.kernel_trees import KernelTree
 from gibench.measure.compare.lockstep import PairTimes, time_pair
 from gibench.measure.compare.paired import Judged, judge_rows, looks, undecided
 from gibench.measure.compare.replicate import Place
+from gibench.measure.plan.stopping import Patience
 from gibench.measure.session.shared import Shared
 from gibench.techniques.job import Job
 from gibench.techniques.registry import find_technique
+
+AB_PATIENCE = Patience(seconds=30.0)
+"""Each pair of processes fills anew: longer, and 100 seconds hold too few of them for a verdict."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,8 @@ class AbOptions:
         most: pairs at most when the rule decides.
         seconds: no further pair is begun after them when the rule decides.
         frames: measured by every process.
-        warmup: run before them.
+        warmup: run before them at least.
+        patience: how long each process is waited for until it is at rest.
         seed: of the order in which frames take turns.
     """
 
@@ -40,6 +45,7 @@ class AbOptions:
     seconds: float = 100.0
     frames: int = 24
     warmup: int = 4
+    patience: Patience = AB_PATIENCE
     seed: int = 0
 
 
@@ -55,6 +61,8 @@ class AbResult:
         output_difference: by output, the relative root mean square difference of what the two
             trees compute; nan where one of them is not finite.
         seconds: it took.
+        warmup: frames that a process ran first, at most.
+        rest: what a reader must know of processes that were not at rest after them.
     """
 
     old: KernelTree
@@ -65,6 +73,8 @@ class AbResult:
     new_ms: dict[str, float]
     output_difference: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0
+    warmup: int = 0
+    rest: str = ""
 
 
 def check(
@@ -93,7 +103,13 @@ def check(
             keep = Path(folder) if count == 1 else None
             pairs.append(
                 time_pair(
-                    job, *sides, frames=options.frames, warmup=options.warmup, rng=rng, keep=keep
+                    job,
+                    *sides,
+                    frames=options.frames,
+                    warmup=options.warmup,
+                    rng=rng,
+                    keep=keep,
+                    patience=options.patience,
                 )
             )
             advance(1)
@@ -114,6 +130,8 @@ def check(
     return AbResult(
         *(old, new, judged, log_ratios(pairs), old_ms, new_ms, differences),
         time.monotonic() - begin,
+        max(pair.warmup for pair in pairs),
+        next((told for pair in pairs for told in pair.rest.values()), ""),
     )
 
 

@@ -15,8 +15,8 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from gibench.errors import CheckFailed, GibenchError
 from gibench.measure.compare.replicate import Place, request
+from gibench.measure.plan.stopping import Patience
 from gibench.techniques.job import Job
 
 FRAME = "frame"
@@ -45,10 +46,19 @@ class SideFailed(GibenchError):
 
 @dataclass(frozen=True)
 class PairTimes:
-    """Times of one pair of processes, ms: for the frame and every pass, old and new, (frames,)."""
+    """Times of one pair of processes.
+
+    Attributes:
+        old: ms, for the frame and every pass, (frames,).
+        new: likewise.
+        warmup: frames that both ran first.
+        rest: by side, what a reader must know where it was not at rest after them.
+    """
 
     old: dict[str, npt.NDArray[np.float64]]
     new: dict[str, npt.NDArray[np.float64]]
+    warmup: int = 0
+    rest: dict[str, str] = field(default_factory=dict)
 
     def log_ratios(self) -> dict[str, float]:
         """For the frame and every pass, the median over frames of log(new / old).
@@ -141,6 +151,7 @@ def time_pair(
     warmup: int,
     rng: np.random.Generator,
     keep: Path | None = None,
+    patience: Patience | None = None,
 ) -> PairTimes:
     """Time one fresh pair of processes.
 
@@ -149,8 +160,9 @@ def time_pair(
         old: the baseline.
         new: what is judged.
         frames: measured, of each.
-        warmup: run before them, of each: programs are built and caches filled.
+        warmup: run before them at least, of each, until both are at rest.
         rng: draws who goes first.
+        patience: how long it is waited for that they are.
         keep: folder where ``OLD.npz`` and ``NEW.npz`` are left with what was computed.
 
     Raises:
@@ -162,12 +174,12 @@ def time_pair(
     with replicates(job, *order) as running:
         by_side = {one.side: one for one in running}
         times: dict[str, list[dict[str, float]]] = {"OLD": [], "NEW": []}
-        for frame in range(warmup + frames):
+        warmed, rest = _warm_up(by_side, warmup, patience or Patience())
+        for frame in range(warmed, warmed + frames):
             for side in ("OLD", "NEW") if rng.random() < 0.5 else ("NEW", "OLD"):
                 by_side[side].ask(f"frame {frame}")
                 answer = by_side[side].answer()
-                if frame >= warmup:
-                    times[side].append({FRAME: answer["wall_ms"], **answer["pass_ms"]})
+                times[side].append({FRAME: answer["wall_ms"], **answer["pass_ms"]})
         if keep is not None:
             for side, one in by_side.items():
                 one.ask(f"keep {keep / f'{side}.npz'}")
@@ -178,4 +190,24 @@ def time_pair(
     }
     if columns["OLD"].keys() != columns["NEW"].keys():
         raise CheckFailed("OLD and NEW do not have the same passes")
-    return PairTimes(columns["OLD"], columns["NEW"])
+    return PairTimes(columns["OLD"], columns["NEW"], warmed, rest)
+
+
+def _warm_up(
+    by_side: Mapping[str, Replicate], least: int, patience: Patience
+) -> tuple[int, dict[str, str]]:
+    """Run the same frames on both sides until both are at rest; how many, and what is to be said of
+    a side that is not.
+    """
+    frames = 0
+    told: dict[str, dict[str, Any]] = {
+        side: {"waits": least > 0, "spent_ms": 0.0} for side in by_side
+    }
+    while frames < least or any(
+        one["waits"] and not patience.over(frames, one["spent_ms"]) for one in told.values()
+    ):
+        for side in by_side:
+            by_side[side].ask(f"warm {frames}")
+            told[side] = by_side[side].answer()
+        frames += 1
+    return frames, {side: one["warning"] for side, one in told.items() if one.get("warning")}

@@ -1,9 +1,10 @@
 """One process that runs one configuration with one kernel tree, a frame whenever it is told to.
 
 Started as ``python -m gibench.measure.compare.replicate``: the configuration comes as one line of
-JSON on standard input (:func:`request`), then commands, one a line: ``frame N`` runs frame N
-and ``keep FILE`` writes what was computed; every answer is one line of JSON. The end of input ends
-it. The parent (:mod:`gibench.measure.compare.lockstep`) lets two such processes take turns.
+JSON on standard input (:func:`request`), then commands, one a line: ``warm N`` runs frame N and
+tells whether it is at rest, ``frame N`` runs frame N, and ``keep FILE`` writes what was computed;
+every answer is one line of JSON. The end of input ends it. The parent
+(:mod:`gibench.measure.compare.lockstep`) lets two such processes take turns.
 """
 
 from __future__ import annotations
@@ -51,6 +52,7 @@ def serve(job: Job, place: Place, commands: TextIO, answers: TextIO) -> None:
     import numpy as np
 
     from gibench.device.device import select_cl_device
+    from gibench.measure.session.rest import RestWatch
     from gibench.measure.session.session import Session
     from gibench.measure.session.shared import Shared
 
@@ -59,10 +61,15 @@ def serve(job: Job, place: Place, commands: TextIO, answers: TextIO) -> None:
     session = Session.open(job, shared, select_cl_device(place.device), kernel_root=root)
     session.prepare(whole=True)
     session.compile()
+    rest = RestWatch.over(session)
     _answer(answers, {"ready": [item.name for item in session.prepared]})
     for line in commands:
         command, _, argument = line.strip().partition(" ")
-        if command == "frame":
+        if command == "warm":
+            rest.ran(session.frame(int(argument)).wall_ms)
+            told = {"waits": rest.waits, "spent_ms": rest.spent_ms, "warning": rest.warning()}
+            _answer(answers, told)
+        elif command == "frame":
             times = session.frame(int(argument))
             _answer(answers, {"wall_ms": times.wall_ms, "pass_ms": times.pass_ms})
         elif command == "keep":

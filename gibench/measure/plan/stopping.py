@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +16,28 @@ WARMUP_WINDOW = 5
 
 
 @dataclass(frozen=True)
+class Patience:
+    """How long warm-up waits for a technique to be at rest.
+
+    Attributes:
+        frames: at most.
+        seconds: at most, of frames.
+    """
+
+    frames: int = 1000
+    seconds: float = 90.0
+
+    def over(self, frames: int, spent_ms: float) -> bool:
+        """Whether so many frames, which took so long, are all that it waits."""
+        return frames >= self.frames or spent_ms >= 1e3 * self.seconds
+
+
+@dataclass(frozen=True)
 class Plan:
     """How long a configuration is run.
 
-    Warm-up ends when the median of the last ``WARMUP_WINDOW`` frames is within ``settled`` of the
+    Warm-up ends when a technique that tells is at rest, or ``patience`` with it is over. It then
+    goes on until the median of the last ``WARMUP_WINDOW`` frames is within ``settled`` of the
     median of those before (the steady state of Georges, Buytaert and Eeckhout, "Statistically
     rigorous Java performance evaluation", OOPSLA 2007, section 3.4, with medians for their
     coefficient of variation, which stalls of a shared machine never let settle).
@@ -34,7 +52,8 @@ class Plan:
         warmup: exactly so many are run first; None lets the rule decide.
         settled: relative change of the median that counts as settled.
         warmup_most: frames of warm-up at most.
-        warmup_seconds: of warm-up at most.
+        warmup_seconds: of warm-up at most; both are counted from when it is at rest.
+        patience: how long it is waited for until it is.
         relative_width: of the confidence interval.
         least: frames at least.
         most: frames at most.
@@ -46,17 +65,27 @@ class Plan:
     settled: float = 0.05
     warmup_most: int = 60
     warmup_seconds: float = 10.0
+    patience: Patience = field(default_factory=Patience)
     relative_width: float = 0.05
     least: int = 30
     most: int = 500
     seconds: float = 30.0
 
-    def warm(self, walls_ms: Sequence[float]) -> bool:
-        """Whether these frames (times in order, ms) were warm-up enough."""
+    def warm(self, walls_ms: Sequence[float], waited: int | None = 0) -> bool:
+        """Whether these frames (times in order, ms) were warm-up enough.
+
+        Args:
+            walls_ms: of all frames of warm-up.
+            waited: how many of them it took until the technique was at rest: 0 where it is not
+                waited for, None while it is.
+        """
         done = len(walls_ms)
         if self.warmup is not None:
             return done >= self.warmup
-        if done >= self.warmup_most or sum(walls_ms) > 1e3 * self.warmup_seconds:
+        if waited is None:
+            return self.patience.over(done, sum(walls_ms))
+        since = walls_ms[waited:]
+        if len(since) >= self.warmup_most or sum(since) > 1e3 * self.warmup_seconds:
             return True
         if done < 2 * WARMUP_WINDOW:
             return False
@@ -79,18 +108,23 @@ class Plan:
             return f"the cap of {self.seconds:.0f} s"
         return None
 
-    @property
-    def image_frame(self) -> int:
-        """The last frame that is run whatever the rules decide: the same in every run, so that its
-        images are too. (Where a cap on seconds comes first, images are of the last frame.)
+    def image_frame(self, waited: int = 0) -> int:
+        """The last frame that is run whatever the rules decide, after ``waited`` frames until the
+        technique was at rest: the same in every run, so that its images are too. (Where a cap on
+        seconds comes first, images are of the last frame.)
         """
-        warmup = 2 * WARMUP_WINDOW if self.warmup is None else self.warmup
+        warmup = max(2 * WARMUP_WINDOW, waited) if self.warmup is None else self.warmup
         return warmup + (self.least if self.frames is None else self.frames) - 1
 
-    @property
-    def expected(self) -> int:
-        """Frames at most, warm-up included: for progress."""
+    def expected(self, waits: bool = False) -> int:
+        """Frames at most, warm-up included: for progress.
+
+        Args:
+            waits: whether the technique is waited for until it is at rest.
+        """
         warmup = self.warmup_most if self.warmup is None else self.warmup
+        if waits and self.warmup is None:
+            warmup += self.patience.frames
         return warmup + (self.most if self.frames is None else self.frames)
 
 

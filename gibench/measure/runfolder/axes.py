@@ -17,6 +17,7 @@ TAKEN = frozenset(
         *KEYS,
         *("pass", "frame", "time_ms", "frame_wall_ms", "configuration", "receivers", "frames"),
         *("bytes", "flops", "rays", "stage", "status", "reason", "warmup", "outliers", "remarks"),
+        *("rest", "frames_to_rest", "ms_to_rest"),
         *("stopped", "settings", "region", "result", "camera", "light_frame", "bounces"),
         *("settled", "change", "hidden", "uncovered", "bias", "flip", "ssim", "number", "fits"),
         *("fps", "real_time", "pareto", "memory_bytes", "memory_budget_bytes"),

@@ -12,6 +12,8 @@ from gibench.techniques.registry import declared_counts
 from gibench.techniques.technique import Work
 
 OK, SKIPPED, FAILED = "ok", "skipped", "failed"
+AT_REST = "at rest"
+"""What ``rest`` says of a technique that was."""
 WHOLE_FRAME = "(frame)"
 """Stands for the pass in the row of a configuration that never came to its passes."""
 
@@ -43,6 +45,9 @@ class JobResult:
         receivers_asked: what was aimed for before ``--fit``.
         group: configurations of one group took turns.
         warmup: frames run before those that count.
+        rest: whether it was at rest then, in words; empty where its technique does not tell.
+        frames_to_rest: after so many it was, if it was.
+        ms_to_rest: that those took.
         frames: measured.
         stopped: why no further frame was measured.
         memory_bytes: the most that was allocated at once.
@@ -56,6 +61,9 @@ class JobResult:
     scene: str
     group: int = 1
     warmup: int = 0
+    rest: str = ""
+    frames_to_rest: int | None = None
+    ms_to_rest: float | None = None
     stopped: str = ""
     status: str = OK
     reason: str = ""
@@ -106,6 +114,9 @@ class JobResult:
             "receivers_asked": self.receivers_asked,
             "frames": self.frames,
             "warmup": self.warmup,
+            "rest": self.rest,
+            "frames_to_rest": self.frames_to_rest,
+            "ms_to_rest": self.ms_to_rest,
             "stopped": self.stopped,
             "group": self.group,
             "camera": self.camera,

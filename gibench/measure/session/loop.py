@@ -21,6 +21,7 @@ from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, JobResult, Pa
 from gibench.measure.session.cold import CacheFlush
 from gibench.measure.session.enqueue import FrameTimes, PreparedPass
 from gibench.measure.session.interrupts import Interrupts
+from gibench.measure.session.rest import RestWatch
 from gibench.measure.session.session import Session, check_job, with_size
 from gibench.measure.session.shared import Shared
 from gibench.measure.session.tune import tune
@@ -70,6 +71,7 @@ class Live:
     """A configuration that is set up on its device.
 
     Attributes:
+        rest: tells when it is at rest.
         warming_ms: wall times of its warm-up frames.
         walls_ms: wall times of the frames that count.
         rows: samples not stored yet.
@@ -78,6 +80,7 @@ class Live:
 
     result: JobResult
     session: Session
+    rest: RestWatch
     warming_ms: list[float] = field(default_factory=list)
     walls_ms: list[float] = field(default_factory=list)
     rows: list[tuple[Any, ...]] = field(default_factory=list)
@@ -216,13 +219,17 @@ def _guarded(loop: Loop, result: JobResult) -> Iterator[None]:
 def _mark_interrupted(result: JobResult, plan: Plan) -> None:
     asked = plan.frames
     of = "" if asked is None else f" of {asked}"
-    result.refuse(OK if result.frames else SKIPPED, f"interrupted after {result.frames}{of} frames")
+    reason = f"interrupted after {result.frames}{of} frames"
+    if not result.frames and result.warmup:
+        reason += f", {result.warmup} of warm-up"
+    result.refuse(OK if result.frames else SKIPPED, reason)
 
 
 def _bring_up(loop: Loop, result: JobResult) -> Live:
     job, sweep = result.job, None
     if job.workgroup_size == AUTO:
-        sweep = tune(job, loop.shared, loop.cl_device, fit=loop.fit)
+        patience = loop.plan.patience
+        sweep = tune(job, loop.shared, loop.cl_device, fit=loop.fit, patience=patience)
         result.base_size, result.sweep = sweep.base, sweep.record()
         job = with_size(job, sweep.base)
     session = Session.open(job, loop.shared, loop.cl_device, fit=loop.fit)
@@ -248,7 +255,7 @@ def _bring_up(loop: Loop, result: JobResult) -> Live:
         for p in session.prepared
     ]
     result.memory_bytes = session.memory_bytes
-    return Live(result, session)
+    return Live(result, session, RestWatch.over(session))
 
 
 def _take_turns(loop: Loop, alive: list[Live]) -> None:
@@ -258,7 +265,8 @@ def _take_turns(loop: Loop, alive: list[Live]) -> None:
     if len(alive) > 1:
         title = f"{len(alive)} configurations in turns"
     active = list(alive)
-    with progress(title, loop.plan.expected * len(active)) as advance:
+    frames = sum(loop.plan.expected(live.rest.waits) for live in active)
+    with progress(title, frames) as advance:
         while active and not outcome.ended:
             for turn in loop.rng.permutation(len(active)):
                 live, over = active[turn], True
@@ -304,19 +312,24 @@ def _let_go(alive: list[Live], outcome: RunOutcome) -> None:
 
 def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
     """Run one block of frames; whether the configuration is measured enough."""
-    plan, result = loop.plan, live.result
+    plan, result, rest = loop.plan, live.result, live.rest
     for _ in range(BLOCK):
-        warm = plan.warm(live.warming_ms)
+        waited = rest.waited
+        warm = plan.warm(live.warming_ms, waited)
+        if warm and waited is None:
+            waited = len(live.warming_ms)  # it is not waited for any longer
         if loop.flush is not None:
             loop.flush()
         frame = len(live.warming_ms) + len(live.walls_ms)
         times = live.session.frame(frame)
         advance(1)
-        if frame == plan.image_frame:
+        if waited is not None and frame == plan.image_frame(waited):
             _take_images(loop, live)
         if not warm:
             live.warming_ms.append(times.wall_ms)
+            rest.ran(times.wall_ms)
             result.warmup = len(live.warming_ms)
+            _tell_rest(result, rest)
             continue
         live.walls_ms.append(times.wall_ms)
         live.rows.extend(_rows(result, loop.axes, times, frame))
@@ -325,6 +338,11 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
             result.stopped = why
             return True
     return False
+
+
+def _tell_rest(result: JobResult, rest: RestWatch) -> None:
+    result.rest = rest.in_words()
+    result.frames_to_rest, result.ms_to_rest = rest.frames_to_rest, rest.ms_to_rest
 
 
 def _rows(
@@ -362,6 +380,9 @@ def _finish(loop: Loop, live: Live) -> None:
         _tell_of_missing_passes(result, live.session.prepared)
         return
     live.session.irradiance()  # times of a frame that computes nonsense are worth nothing
+    live.rest.look_again(len(live.warming_ms) + len(live.walls_ms))
+    _tell_rest(result, live.rest)
+    result.reason = "; ".join(filter(None, (result.reason, live.rest.warning())))
     if not live.pictured:
         _take_images(loop, live)
 

@@ -2,18 +2,19 @@
 
 Every power of two times the SIMD width up to the profile's maximum is tried with the whole
 technique, all sizes taking turns frame by frame in an order drawn under the seed, and every pass is
-judged by the median of its device times. Passes that any size fits (their launches count work-items
-and share no local memory) then take each its own best; what the others depend on is decided when
-the technique is created, so they take the size that is best for their sum. A size must be faster
-than the profile's own by more than ``CLEAR`` to replace it: below that it is noise.
+judged by the median of its device times, once the technique is at rest. Passes that any size fits
+(their launches count work-items and share no local memory) then take each its own best; what the
+others depend on is decided when the technique is created, so they take the size that is best for
+their sum. A size must be faster than the profile's own by more than ``CLEAR`` to replace it: below
+that it is noise.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,9 @@ import pyopencl as cl
 from gibench.device import Device
 from gibench.device.source import tree_hash
 from gibench.errors import CannotRun, GibenchError
+from gibench.measure.plan.stopping import Patience
 from gibench.measure.runfolder.folder import write_atomically
+from gibench.measure.session.rest import RestWatch
 from gibench.measure.session.session import Session, with_size
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
@@ -35,7 +38,7 @@ from gibench.techniques.technique import Pass
 
 CLEAR = 0.03
 WARMUP, FRAMES = 4, 15
-_VERSION = 1
+_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class Sweep:
         chosen: by pass, its size.
         times_ms: by pass, by size, the median device time; sizes a pass cannot run at are left out.
         free: the passes that may take a size of their own.
+        rest: what a reader must know of times that were not taken at rest; empty where they were.
         remembered: whether it comes from an earlier run.
     """
 
@@ -54,6 +58,7 @@ class Sweep:
     chosen: dict[str, int]
     times_ms: dict[str, dict[int, float]]
     free: tuple[str, ...]
+    rest: str = ""
     remembered: bool = False
 
     def notes(self) -> list[str]:
@@ -67,7 +72,7 @@ class Sweep:
                 f"work-group {self.chosen[name]} for {name}{bound} ({when}; median ms by size: "
                 f"{swept})"
             )
-        return lines
+        return [*lines, f"work-group sizes were chosen {self.rest}"] if self.rest else lines
 
     def record(self) -> dict[str, Any]:
         """As ``run.json`` has it."""
@@ -83,8 +88,17 @@ def candidate_sizes(profile: DeviceProfile) -> list[int]:
     return sorted(size for size in sizes if not profile.workgroup_size_problem(size))
 
 
-def tune(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False) -> Sweep:
+def tune(
+    job: Job,
+    shared: Shared,
+    cl_device: Any,
+    *,
+    fit: bool = False,
+    patience: Patience | None = None,
+) -> Sweep:
     """The sizes of ``job``'s passes: remembered, or measured and remembered.
+
+    ``patience`` is how long it is waited for that the technique is at rest, all sizes together.
 
     They are remembered per device, driver, profile, kernel sources, scene and settings.
 
@@ -94,12 +108,19 @@ def tune(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False) -> Swee
     path = _memory(job, shared, cl_device)
     if sweep := _remembered(path):
         return sweep
-    sweep = measure_sweep(job, shared, cl_device, fit=fit)
+    sweep = measure_sweep(job, shared, cl_device, fit=fit, patience=patience)
     write_atomically(path, (json.dumps(sweep.record(), indent=1) + "\n").encode())
     return sweep
 
 
-def measure_sweep(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False) -> Sweep:
+def measure_sweep(
+    job: Job,
+    shared: Shared,
+    cl_device: Any,
+    *,
+    fit: bool = False,
+    patience: Patience | None = None,
+) -> Sweep:
     """Try every size (see the head of this module).
 
     Raises:
@@ -127,18 +148,35 @@ def measure_sweep(job: Job, shared: Shared, cl_device: Any, *, fit: bool = False
     times: dict[str, dict[int, list[float]]] = {}
     rng = np.random.default_rng(job.seed)
     with progress("choosing work-group sizes", (WARMUP + FRAMES) * len(alive)) as advance:
-        for frame in range(WARMUP + FRAMES):
+        rest = _warm_up(alive, patience or Patience(), advance)
+        for frame in range(rest.frames, rest.frames + FRAMES):
             for size in rng.permutation(list(alive)):
                 measured = alive[int(size)].frame(frame).pass_ms
                 advance(1)
                 for name, ms in measured.items():
-                    if frame >= WARMUP:
-                        times.setdefault(name, {}).setdefault(int(size), []).append(ms)
+                    times.setdefault(name, {}).setdefault(int(size), []).append(ms)
     medians = {
         name: {size: float(np.median(found[size])) for size in sorted(found)}
         for name, found in times.items()
     }
-    return choose(medians, free, default)
+    return replace(choose(medians, free, default), rest=rest.warning())
+
+
+def _warm_up(
+    alive: Mapping[int, Session], patience: Patience, advance: Callable[[int], None]
+) -> RestWatch:
+    """Run the same frames of all sizes until all are at rest; the last that was."""
+    watches = [RestWatch.over(session) for session in alive.values()]
+    frames = 0
+    while frames < WARMUP or (
+        any(watch.waits for watch in watches)
+        and not patience.over(frames, sum(watch.spent_ms for watch in watches))
+    ):
+        for watch in watches:
+            watch.ran(watch.session.frame(frames).wall_ms)
+            advance(1)
+        frames += 1
+    return max(watches, key=lambda watch: watch.waits)
 
 
 def choose(
@@ -216,6 +254,7 @@ def _remembered(path: Path) -> Sweep | None:
                 for name, times in content["times_ms"].items()
             },
             free=tuple(content["free"]),
+            rest=str(content["rest"]),
             remembered=True,
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError):

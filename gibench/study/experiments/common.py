@@ -12,8 +12,10 @@ from gibench.arrays import Doubles
 from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import grid
+from gibench.measure.plan.stopping import Patience
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.results import OK
+from gibench.measure.session.rest import warm_up
 from gibench.measure.session.session import Session
 from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
@@ -27,6 +29,7 @@ from gibench.techniques.registry import find_technique
 from gibench.work import Executor, Serial, Worker, run_in_order
 
 TIMES = ("time_ms", "p95_ms", "frames", "memory_bytes")
+RESTS = ("rest", "frames_to_rest", "ms_to_rest")
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Context:
         scenes: the user's, instead of the experiment's own; empty for these.
         quick: small sizes, to see that it works; figures of no meaning.
         frames: timed per point.
+        patience: how long a technique is waited for until it is at rest, before it is timed.
         resolution: of the camera image instead of the experiment's own, or None.
         target_error: of references.
         reference_paths: of references at most; None for as many as the target error takes.
@@ -49,6 +53,7 @@ class Context:
     scenes: tuple[str, ...] = ()
     quick: bool = False
     frames: int = 30
+    patience: Patience = field(default_factory=Patience)
     resolution: tuple[int, int] | None = None
     target_error: float = 0.02
     reference_paths: int | None = None
@@ -324,7 +329,8 @@ def published_section(table: pd.DataFrame) -> str:
 
 
 def timed(context: Context, job: Job, worker: Worker, own: tuple[int, int]) -> dict[str, Any]:
-    """The frame times of ``job`` with lights moving as in a run, and its memory.
+    """The frame times of ``job`` with lights moving as in a run, once it is at rest or has been
+    waited for, and its memory.
 
     Raises:
         CannotRun: the profile or budget forbids it.
@@ -336,12 +342,18 @@ def timed(context: Context, job: Job, worker: Worker, own: tuple[int, int]) -> d
         session.prepare(whole=True)
         session.compile()
         warmup, count = (1, 3) if context.quick else (5, context.frames)
+        patience = Patience(frames=0) if context.quick else context.patience
         with worker.alone():
-            times = [session.frame(number).wall_ms for number in range(warmup + count)]
-        summary = summarize(times[warmup:])
+            rest = warm_up(session, warmup, patience)
+            times = [session.frame(rest.frames + number).wall_ms for number in range(count)]
+        summary = summarize(times)
         return {
             "time_ms": summary.median_ms,
             "p95_ms": summary.p95_ms,
             "frames": summary.count,
             "memory_bytes": session.memory_bytes,
+            "rest": rest.in_words(),
+            "frames_to_rest": rest.frames_to_rest,
+            "ms_to_rest": rest.ms_to_rest,
+            "reason": rest.warning(),
         }

@@ -8,6 +8,7 @@ import pandas as pd
 
 from gibench.report.plots import bars
 from gibench.study.experiments.common import (
+    RESTS,
     TIMES,
     Context,
     Experiment,
@@ -79,7 +80,7 @@ EXPERIMENT = Experiment(
     source="figure 6.6 and section 6.3 of Bennett 2019",
     profiles=("iphone7", "radeon560", "vega56"),
     keys=("scene", "kind", "profile"),
-    columns=TIMES,
+    columns=(*TIMES, *RESTS),
     points=_points,
     measure=_measure,
     present=_present,

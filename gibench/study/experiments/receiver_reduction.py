@@ -16,6 +16,7 @@ from gibench.reference.path_tracer import Reference, reference_image
 from gibench.report.images import tone_map
 from gibench.report.plots import Axes, Picture, Series, panel, plot
 from gibench.study.experiments.common import (
+    RESTS,
     TIMES,
     Context,
     Experiment,
@@ -37,6 +38,7 @@ _TIMED_IMAGE, _IMAGE = (1334, 750), (480, 270)
 _RECEIVERS = (437_557, 199_406, 120_479, 56_581)
 _ORDER, _PROBES = 2, 169
 _ERRORS = ("bias", "rel_l2", "lab_l_mse", "ssim")
+_NOISES = tuple(f"{name}_noise" for name in _ERRORS)
 
 
 def _counts(context: Context) -> tuple[int, ...]:
@@ -89,7 +91,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
     truth = _truth(context)
     found = _errors(image, truth, seen.seen)
     values = {name: found[name].value for name in _ERRORS}
-    noises = {f"{name}_noise": found[name].noise for name in _ERRORS}
+    noises = dict(zip(_NOISES, (found[name].noise for name in _ERRORS), strict=True))
     count = len(settled.lightmap.receivers)
     rows = [{**times, "receivers_made": count, **values, **noises}]
     return Found(rows, arrays={f"image {job.receivers}": image})
@@ -158,7 +160,7 @@ EXPERIMENT = Experiment(
     source="section 6.6 of Bennett 2019",
     profiles=("iphone7",),
     keys=("receivers",),
-    columns=(*TIMES, "receivers_made", *_ERRORS, *(f"{name}_noise" for name in _ERRORS)),
+    columns=(*TIMES, "receivers_made", *_ERRORS, *_NOISES, *RESTS),
     points=_points,
     measure=_measure,
     present=_present,

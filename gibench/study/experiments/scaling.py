@@ -10,6 +10,7 @@ import pandas as pd
 from gibench.profiles import DeviceProfile
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import (
+    RESTS,
     TIMES,
     Context,
     Experiment,
@@ -130,7 +131,7 @@ EXPERIMENT = Experiment(
     source="figure 6.8 and section 6.5 of Bennett 2019",
     profiles=("iphone7", "radeon560", "vega56"),
     keys=("axis", "value", "profile"),
-    columns=TIMES,
+    columns=(*TIMES, *RESTS),
     points=_points,
     measure=_measure,
     present=_present,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -17,12 +18,20 @@ from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.probe_volume import Volume
+from gibench.techniques.parts.steady import Steady
 from gibench.techniques.registry import TUNED
-from gibench.techniques.technique import FloatArray, Pass
+from gibench.techniques.technique import LOOK_EVERY, FloatArray, Pass
 
 # A drawn probe's radius over the least spacing: with the greatest offset (0.45) it still fits its
 # cell.
 _RADIUS_SHARE = 0.05
+
+REST_FALL = 0.10
+"""Share by which the variability may still fall between two windows of frames."""
+REST_LENGTHS = 2.0
+"""Length of a window over the frames that hysteresis looks back, 1 / (1 - hysteresis)."""
+REST_FRAMES = 64
+"""Least length of a window: means of fewer looks are as noisy as ``REST_FALL``."""
 
 
 class Ddgi:
@@ -49,6 +58,7 @@ class Ddgi:
         tuned = job.variant == TUNED
         self.blending: Blending = Tuned(self.probes) if tuned else Published(self.probes)
         packets = tuned and suits_packets(device)
+        self._variability = Steady(REST_FALL, rest_window(settings.hysteresis))
         self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size, packets)
 
     def passes(self) -> Sequence[Pass]:
@@ -100,6 +110,18 @@ class Ddgi:
         """Mean coefficient of variation over the usable probes' texels in the last frame."""
         return float(self.device.read(self.probes.average)[0])
 
+    def at_rest(self) -> bool:
+        """Whether its probes have gathered their light: the volume's average variability, the
+        coefficient of variation as RTXGI-DDGI 1.3.7 defines it, no longer falls.
+
+        RTXGI calls probes representative when it "settles around a small value", whose size depends
+        on the rays per probe, and has its user give it per scene. Here no size is given: the mean
+        over a window of frames (``REST_LENGTHS``, ``REST_FRAMES``) is within ``REST_FALL`` of the
+        mean over the window before. Light that still rises adds to the variability, and slowly
+        enough to be missed only where it takes over nine times as long as hysteresis looks back.
+        """
+        return self._variability.takes(self.average_variability())
+
     def counts(self) -> dict[str, int]:
         """Probes, rays of all probes when all are active, and receivers it is compared on."""
         probes = self.probes.volume.probes
@@ -116,3 +138,8 @@ class Ddgi:
     def _drawn(self, launch: Launch) -> FloatArray:
         self._run(launch)
         return self.device.read(self.scene.image)
+
+
+def rest_window(hysteresis: float) -> int:
+    """Looks in the windows that :meth:`Ddgi.at_rest` compares."""
+    return math.ceil(max(REST_FRAMES, REST_LENGTHS / (1 - hysteresis)) / LOOK_EVERY)

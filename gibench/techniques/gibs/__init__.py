@@ -5,7 +5,7 @@ from __future__ import annotations
 from gibench.scene.model import Scene
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.technique import Gibs, buffers
-from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec, Wakes
 
 __all__ = ["SPEC", "Gibs", "GibsSettings"]
 
@@ -22,6 +22,8 @@ SPEC = TechniqueSpec(
     create=Gibs,
     buffers=buffers,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
+    # Where surfels are placed has nothing to do with lights.
+    woken_by=frozenset({Wakes.CAMERA, Wakes.OBJECTS}),
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=_sweep,
     counts={"surfels": "surfel_capacity"},

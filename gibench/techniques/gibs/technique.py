@@ -13,7 +13,7 @@ import numpy.typing as npt
 from gibench.device import Buffer, BufferSpec, Device, Launch, total_bytes
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
-from gibench.techniques.gibs.passes import CameraView, FramePasses, tiles_of
+from gibench.techniques.gibs.passes import COVERAGE_STEPS, CameraView, FramePasses, tiles_of
 from gibench.techniques.gibs.settings import PERSPECTIVE, GibsSettings
 from gibench.techniques.gibs.surfels import (
     COUNT_ALIVE,
@@ -26,6 +26,7 @@ from gibench.techniques.gibs.surfels import (
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.steady import Steady
 from gibench.techniques.parts.surfel_grid import (
     NEIGHBOURS,
     Grid,
@@ -36,6 +37,13 @@ from gibench.techniques.parts.surfel_grid import (
 from gibench.techniques.parts.surfels import surfel_words
 from gibench.techniques.registry import PUBLISHED
 from gibench.techniques.technique import FloatArray, Pass, Work
+
+REST_COVERED = 0.999
+"""Share of the visible pixels that are covered as placement wants them: the last ones wait for a
+chance that their tile has in every frame, and a thousandth of a picture is not seen."""
+REST_GROWTH, REST_WINDOW = 0.005, 4
+"""Relative growth of the surfels alive from one window of so many looks to the next that counts as
+none: the passes' times go with them, and are known to 5 % at best."""
 
 
 class Gibs:
@@ -85,6 +93,7 @@ class Gibs:
         self._most = grid.largest_radius
         self._least = min(settings.smallest_radius * diagonal, self._most)
         self._alive, self._rays, self._number = 0, 0, 0
+        self._steady = Steady(REST_GROWTH, REST_WINDOW)
         self._passes = FramePasses(
             self.scene,
             settings,
@@ -225,6 +234,24 @@ class Gibs:
             "recycled": int(counters[COUNT_RECYCLED]),
             "dropped": self.grid.dropped(),
         }
+
+    def at_rest(self) -> bool:
+        """Whether it has filled what the camera sees: the surfels alive no longer grow
+        (``REST_GROWTH``), and of the visible pixels ``REST_COVERED`` are covered up to
+        ``placement_threshold``, at which nothing further is placed (Ekberg 2022, section 3.1.1).
+        Where there are too few surfels for that, every ID must be taken but those that the last
+        frame took back.
+
+        It says nothing of light: a surfel's own, or what comes from where no camera looks.
+        """
+        life, coverage = self.life(), self.coverage()
+        steady = self._steady.takes(life["alive"])
+        steps = np.rint(coverage[np.isfinite(coverage)] * np.float32(COVERAGE_STEPS))
+        wanted = round(self.settings.placement_threshold * COVERAGE_STEPS)
+        missing = int(np.count_nonzero(steps < wanted))
+        covered = missing <= (1 - REST_COVERED) * steps.size
+        used_up = life["free"] <= life["recycled"]
+        return steady and (covered or used_up)
 
     def counts(self) -> dict[str, int]:
         """Surfels alive now, room for them, and the receivers."""
