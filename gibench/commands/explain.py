@@ -95,11 +95,9 @@ def explain(
     for job in jobs:
         check_job(job, shared)
     sizes = [size for size in asked.workgroup_sizes(workgroup_size) if isinstance(size, int)]
+    size = sizes[0] if sizes else profile.default_workgroup_size
     own = [
-        own_request(
-            *(Device(profile, cl_device), file, name, arg, items),
-            sizes[0] if sizes else profile.default_workgroup_size,
-        )
+        own_request(Device(profile, cl_device), file, name, arg, items, size)
         for file, name in files
     ]
     folder = asked.folder_for(out, "explain", [profile.name], arguments)

@@ -227,6 +227,16 @@ class PreparedLaunch:
         sizes = self.global_sizes
         if 0 in sizes:
             return None
+        return self._enqueue(queue, sizes)
+
+    def enqueue_items(self, queue: Any, items: int) -> Any:
+        """Enqueue ``items`` work-items along the first dimension, whole groups, instead of what the
+        next frame has: for a kernel that tests its index against a count. Returns the event.
+        """
+        whole = -(-items // self.local) * self.local
+        return self._enqueue(queue, (whole, *(max(n, 1) for n in self.global_sizes[1:])))
+
+    def _enqueue(self, queue: Any, sizes: tuple[int, ...]) -> Any:
         groups = (self.local, *(1 for _ in sizes[1:]))
         return cl.enqueue_nd_range_kernel(queue, self.kernel, sizes, groups)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -62,27 +63,41 @@ class DeviceBvh:
         Raises:
             CannotRun: it does not fit the device's profile.
         """
-        nodes, triangles = DeviceBvh.buffers(bvh, name)
-        return DeviceBvh(
-            bvh,
-            device.create(nodes, bvh.nodes),
-            device.create(triangles, bvh.blocks),
-            None if cutouts is None else device.upload(f"{name}_cutouts", cutouts),
-        )
+        data: dict[str, npt.NDArray[Any]] = {
+            f"{name}_nodes": bvh.nodes,
+            f"{name}_triangles": bvh.blocks,
+        }
+        if cutouts is not None:
+            data[f"{name}_cutouts"] = cutouts
+        words = 0 if cutouts is None else len(cutouts)
+        held = device.allocate(DeviceBvh.buffers(bvh, name, words), data)
+        nodes, triangles = held[f"{name}_nodes"], held[f"{name}_triangles"]
+        return DeviceBvh(bvh, nodes, triangles, held.get(f"{name}_cutouts"))
 
     @staticmethod
-    def buffers(bvh: Bvh, name: str = "bvh") -> list[BufferSpec]:
-        """The buffers of ``bvh``: its nodes and its leaf blocks."""
+    def buffers(bvh: Bvh, name: str = "bvh", cutout_words: int = 0) -> list[BufferSpec]:
+        """The buffers of ``bvh``: its nodes, its leaf blocks, and what is cut away of its triangles
+        where that takes any words.
+        """
         return [
             BufferSpec.like(f"{name}_nodes", bvh.nodes),
             BufferSpec.like(f"{name}_triangles", bvh.blocks),
+            *DeviceBvh.cutout_buffers(cutout_words, name),
         ]
 
     @staticmethod
-    def least_buffers(triangles: int, name: str = "bvh") -> list[BufferSpec]:
+    def cutout_buffers(words: int, name: str = "bvh") -> list[BufferSpec]:
+        """What is cut away, uint32; nothing where it takes no words."""
+        return [BufferSpec.of(f"{name}_cutouts", words, np.uint32)] if words else []
+
+    @staticmethod
+    def least_buffers(triangles: int, name: str = "bvh", cutout_words: int = 0) -> list[BufferSpec]:
         """Those of any tree over so many triangles, which at least fill its leaf blocks."""
         blocks = (-(-triangles // WIDTH), BLOCK_FLOATS)
-        return [BufferSpec.of(f"{name}_triangles", blocks, np.float32)]
+        return [
+            BufferSpec.of(f"{name}_triangles", blocks, np.float32),
+            *DeviceBvh.cutout_buffers(cutout_words, name),
+        ]
 
     @property
     def args(self) -> tuple[Argument, ...]:

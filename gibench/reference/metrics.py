@@ -211,7 +211,9 @@ def flip_map(result: Array, reference: Array, mask: Mask) -> Doubles:
     first, second = (np.maximum(a, 0).astype(np.float32) for a in (reference, result))
     start, stop = _flip_exposures(luminance(first[mask]))
     found = flip_evaluator.evaluate(
-        *(first, second, "HDR"),
+        first,
+        second,
+        "HDR",
         inputsRGB=False,
         applyMagma=False,
         parameters={"startExposure": start, "stopExposure": stop},

@@ -24,12 +24,17 @@ def load_scene(name_or_path: str) -> Scene:
     Raises:
         BadInput: there is no such scene, or the file is broken.
     """
-    if name_or_path in builtin.names():
+    if not is_file(name_or_path):
         return builtin.build(name_or_path)
     scene = _from_file(name_or_path)
     for warning in scene.warnings:
         _LOG.warning("%s: %s", scene.name, warning)
     return scene
+
+
+def is_file(name_or_path: str) -> bool:
+    """Whether :func:`load_scene` takes it for a file's path."""
+    return name_or_path not in builtin.names()
 
 
 def _from_file(name_or_path: str) -> Scene:

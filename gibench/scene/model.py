@@ -11,7 +11,7 @@ import hashlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -160,6 +160,23 @@ class SpotLight:
 Light = DirectionalLight | PointLight | SpotLight
 
 
+class Dimmer(Protocol):
+    """Changes the strength of all of a scene's lights at once."""
+
+    def share(self, frame: int) -> float:
+        """Share of the lights' strength in ``frame``."""
+        ...
+
+
+def dimmed(light: Light, share: float) -> Light:
+    """``light`` with ``share`` of its strength."""
+    if isinstance(light, DirectionalLight):
+        r, g, b = light.irradiance
+        return replace(light, irradiance=(share * r, share * g, share * b))
+    r, g, b = light.intensity
+    return replace(light, intensity=(share * r, share * g, share * b))
+
+
 @dataclass(frozen=True)
 class Environment:
     """Radiance from infinitely far away, as one equirectangular image for every kind.
@@ -279,6 +296,7 @@ class Scene:
         origin: the point of the file's space where this scene has its origin, m; not 0, 0, 0 where
             the file lies far from its own (``readers/recentre.py``).
         cutouts: what alpha masks cut away of its triangles, or None.
+        dimmer: of its lights, or None; what glows and the environment stay as they are.
     """
 
     name: str
@@ -302,6 +320,7 @@ class Scene:
     warnings: tuple[str, ...] = ()
     origin: Vec3 = BLACK
     cutouts: Cutouts | None = field(default=None, repr=False)
+    dimmer: Dimmer | None = field(default=None, repr=False)
 
     @property
     def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -321,7 +340,11 @@ class Scene:
 
     def lights_at(self, frame: int) -> tuple[Light, ...]:
         """The lights in ``frame``."""
-        return tuple(light.at(frame) for light in self.lights)
+        lights = tuple(light.at(frame) for light in self.lights)
+        if self.dimmer is None:
+            return lights
+        share = self.dimmer.share(frame)
+        return tuple(dimmed(light, share) for light in lights)
 
     def geometry_hash(self) -> str:
         """SHA-256 of all that baked visibility depends on: the triangles, what is cut away."""

@@ -107,6 +107,7 @@ def settle(
     refuse_motion(job.shot)
     with Session.open(job, shared, cl_device) as session:
         session.prepare(whole=True)
+        session.compile()
         title = f"settling {job_label(job, session.world.scene.name)}"
         title += f" ({among})" if among else ""
         with worker.alone(), progress(title, options.frames) as advance:

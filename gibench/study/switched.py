@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
-from gibench.arrays import Vec3
 from gibench.errors import BadInput
-from gibench.scene.model import (
-    DirectionalLight,
-    Light,
-    Scene,
-)
+from gibench.scene.model import Scene
 from gibench.study.frozen import FrozenShared
 
 
 @dataclass(frozen=True)
 class LightSwitch:
-    """When lights change, and from what to what.
+    """When lights change, and from what to what; a scene's dimmer.
 
     Attributes:
         frame: the first frame with the new light.
@@ -36,23 +31,7 @@ class LightSwitch:
 STANDING = LightSwitch(0, 1.0, 1.0)
 
 
-@dataclass(frozen=True)
-class SwitchedScene(Scene):
-    """A scene whose lights change their strength once; what glows and the environment do not.
-
-    Attributes:
-        switch: when, and by how much.
-    """
-
-    switch: LightSwitch = STANDING
-
-    def lights_at(self, frame: int) -> tuple[Light, ...]:
-        """The lights in ``frame``."""
-        share = self.switch.share(frame)
-        return tuple(_scaled(light, share) for light in super().lights_at(frame))
-
-
-def switched(scene: Scene, switch: LightSwitch) -> SwitchedScene:
+def switched(scene: Scene, switch: LightSwitch) -> Scene:
     """``scene`` with lights that change.
 
     Raises:
@@ -63,19 +42,7 @@ def switched(scene: Scene, switch: LightSwitch) -> SwitchedScene:
             f"the scene '{scene.name}' has no light that could be switched, only what glows",
             mend="give one with a point, spot or directional light by --scene",
         )
-    parts = {item.name: getattr(scene, item.name) for item in fields(Scene)}
-    return SwitchedScene(**parts, switch=switch)
-
-
-def _scaled(light: Light, share: float) -> Light:
-    if isinstance(light, DirectionalLight):
-        return replace(light, irradiance=_times(light.irradiance, share))
-    return replace(light, intensity=_times(light.intensity, share))
-
-
-def _times(color: Vec3, share: float) -> Vec3:
-    r, g, b = color
-    return share * r, share * g, share * b
+    return replace(scene, dimmer=switch)
 
 
 @dataclass

@@ -1,22 +1,27 @@
 """What one technique is asked to do (a job), and the world it does it in.
 
 A job is plain data: it pickles, and goes to JSON and back
-(:func:`gibench.techniques.registry.job_of`), so that another process can run it. A world is what
-its names stand for once they are loaded and baked.
+(:func:`gibench.techniques.registry.job_of`), so that another process can run it. The files of its
+scene, flight and motion it names by their path as given, which holds in the same working folder
+alone; :meth:`Job.anywhere` is for a process in another. A world is what its names stand for once
+they are loaded and baked.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final, Literal
 
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import Bvh
 from gibench.scene.lightmap import Lightmap
+from gibench.scene.load import is_file
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.techniques.camera_path import Flight, FlightOptions
-from gibench.techniques.object_motion import MotionOptions
+from gibench.techniques.camera_path import FLIGHT, Flight, FlightOptions
+from gibench.techniques.camera_path import REST as CAMERA_AT_REST
+from gibench.techniques.object_motion import REST, SCENE, MotionOptions
 
 AUTO: Final = "auto"
 """A work-group size that is measured: every pass takes its best."""
@@ -75,8 +80,18 @@ class Job:
         return self.workgroup_size
 
     def record(self) -> dict[str, Any]:
-        """As JSON can hold it."""
+        """As JSON can hold it; files by their path as given."""
         return asdict(self)
+
+    def anywhere(self) -> Job:
+        """The same job for a process in any folder of this machine: its files' paths absolute."""
+        flight, motion = self.shot.flight, self.shot.motion
+        if flight.path not in (CAMERA_AT_REST, FLIGHT):
+            flight = replace(flight, path=str(Path(flight.path).absolute()))
+        if motion.path not in (REST, SCENE):
+            motion = replace(motion, path=str(Path(motion.path).absolute()))
+        scene = str(Path(self.scene).absolute()) if is_file(self.scene) else self.scene
+        return replace(self, scene=scene, shot=replace(self.shot, flight=flight, motion=motion))
 
 
 @dataclass(frozen=True)

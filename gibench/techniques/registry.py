@@ -14,6 +14,7 @@ from gibench.bake.run import BakeReport, run_bake
 from gibench.bake.stage import Stage
 from gibench.device import BufferSpec, Device
 from gibench.errors import BadInput
+from gibench.profiles.machine import Interval, Machine
 from gibench.profiles.profile import DeviceProfile, Figure
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
@@ -222,6 +223,8 @@ def job_of(record: Mapping[str, Any]) -> Job:
     shot["flight"] = FlightOptions(**shot["flight"])
     shot["motion"] = MotionOptions(**shot["motion"])
     profile["figures"] = {name: Figure(**each) for name, each in profile["figures"].items()}
+    if (machine := profile["machine"]) is not None:
+        profile["machine"] = Machine(**{name: Interval(**each) for name, each in machine.items()})
     named = {
         "settings": find_technique(record["technique"]).settings(record["settings"]),
         "profile": DeviceProfile(**profile),

@@ -3,12 +3,13 @@
 import json
 import pickle
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 
 import gibench
+from gibench.measure.compare.replicate import Place, request
 from gibench.profiles import load_profile
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import AUTO, Job, Shot
@@ -31,6 +32,23 @@ def test_a_job_pickles_and_goes_to_json_and_back(name, variant):
     for job in jobs(name, variant):
         assert pickle.loads(pickle.dumps(job)) == job
         assert job_of(json.loads(json.dumps(job.record()))) == job
+
+
+def test_anywhere_a_job_s_files_are_absolute_and_nothing_else_changes(tmp_path, monkeypatch):
+    built_in, of_file = jobs("ddgi", "tuned")
+    assert built_in.anywhere() == built_in
+    shot = Shot(24, 16, "front", FlightOptions("fly.toml", 3, 5), MotionOptions("move.toml"))
+    monkeypatch.chdir(tmp_path)
+    named = replace(of_file, shot=shot).anywhere()
+    assert named.scene == str(tmp_path / "a" / "file.obj")
+    assert named.shot.flight.path == str(tmp_path / "fly.toml")
+    assert named.shot.motion.path == str(tmp_path / "move.toml")
+    assert replace(named, scene=of_file.scene, shot=of_file.shot) == of_file
+    monkeypatch.chdir("/")
+    assert named.anywhere() == named
+    asked = json.loads(request(of_file, Place("cache", "kernels")))
+    assert asked["place"] == {"cache_dir": "/cache", "kernel_root": "/kernels", "device": None}
+    assert asked["job"]["scene"] == "/a/file.obj"
 
 
 def test_settings_that_are_no_defaults_come_back_too():

@@ -101,17 +101,17 @@ def check(
     with tempfile.TemporaryDirectory() as folder:
         for count in range(1, most + 1):
             keep = Path(folder) if count == 1 else None
-            pairs.append(
-                time_pair(
-                    job,
-                    *sides,
-                    frames=options.frames,
-                    warmup=options.warmup,
-                    rng=rng,
-                    keep=keep,
-                    patience=options.patience,
-                )
+            pair = time_pair(
+                job,
+                old=sides[0],
+                new=sides[1],
+                frames=options.frames,
+                warmup=options.warmup,
+                rng=rng,
+                keep=keep,
+                patience=options.patience,
             )
+            pairs.append(pair)
             advance(1)
             if keep is not None:
                 differences = output_differences(keep)
@@ -128,10 +128,16 @@ def check(
         for side in ("old", "new")
     )
     return AbResult(
-        *(old, new, judged, log_ratios(pairs), old_ms, new_ms, differences),
-        time.monotonic() - begin,
-        max(pair.warmup for pair in pairs),
-        next((told for pair in pairs for told in pair.rest.values()), ""),
+        old=old,
+        new=new,
+        judged=judged,
+        log_ratios=log_ratios(pairs),
+        old_ms=old_ms,
+        new_ms=new_ms,
+        output_difference=differences,
+        seconds=time.monotonic() - begin,
+        warmup=max(pair.warmup for pair in pairs),
+        rest=next((told for pair in pairs for told in pair.rest.values()), ""),
     )
 
 

@@ -13,7 +13,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -39,8 +39,12 @@ class Place:
 
 
 def request(job: Job, place: Place) -> str:
-    """``job`` at ``place`` as one line of JSON, which a fresh process is started with."""
-    return json.dumps({"job": job.record(), "place": asdict(place)})
+    """``job`` at ``place`` as one line of JSON, which a fresh process is started with, in whatever
+    folder: what they name of files is absolute.
+    """
+    root = None if place.kernel_root is None else str(Path(place.kernel_root).absolute())
+    there = replace(place, cache_dir=str(Path(place.cache_dir).absolute()), kernel_root=root)
+    return json.dumps({"job": job.anywhere().record(), "place": asdict(there)})
 
 
 def serve(job: Job, place: Place, commands: TextIO, answers: TextIO) -> None:

@@ -236,10 +236,10 @@ def _bring_up(loop: Loop, result: JobResult) -> Live:
     result.receivers_asked = session.receivers_asked
     result.camera = session.world.camera.name
     result.reason = session.fitted
-    result.notes += session.notes
     chosen = sweep.chosen if sweep else {}
     session.prepare(chosen)
     session.compile()
+    result.notes += session.notes
     if sweep is not None:
         result.notes += sweep.notes()
     result.counts = session.counts()
@@ -352,14 +352,11 @@ def _rows(
     sizes = {p.name: p.workgroup_size for p in result.passes if p.workgroup_size}
     counts = [result.counts.get(name) for name in (*steady_counts(declared_counts()), "receivers")]
     tail = (*counts, f"{times.wall_ms:.6f}", result.number)
-    return [
-        (
-            *result.keys(axes, sizes.get(name)).values(),
-            *(name, frame, f"{ms:.6f}"),
-            *tail,
-        )
-        for name, ms in times.pass_ms.items()
-    ]
+    rows = []
+    for name, ms in times.pass_ms.items():
+        keys = result.keys(axes, sizes.get(name)).values()
+        rows.append((*keys, name, frame, f"{ms:.6f}", *tail))
+    return rows
 
 
 def _store(loop: Loop, live: Live) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources.abc import Traversable
@@ -14,7 +15,9 @@ import numpy.typing as npt
 from gibench.arrays import Doubles
 from gibench.device import Device
 from gibench.errors import CannotRun, GibenchError
+from gibench.measure.machine.environment import without_paths
 from gibench.measure.plan.fit import FEWEST_RECEIVERS, Footprint, demand_of, has_receivers
+from gibench.measure.plan.grid import job_label
 from gibench.measure.plan.view import choose_camera
 from gibench.measure.session.compiling import compile_launches
 from gibench.measure.session.enqueue import (
@@ -35,6 +38,8 @@ from gibench.techniques.technique import (
     Technique,
     Work,
 )
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass
@@ -159,8 +164,8 @@ class Session:
         """Have every kernel compiled for its launch, so that no frame does it: to be called once
         the passes are prepared (see :mod:`gibench.measure.session.compiling`).
 
-        Where there is no room for a second technique, or it fails, the first frames compile, and
-        say what is wrong.
+        Where there is no room for a second technique, or it fails, the first frames compile, which
+        is logged and among ``notes``.
         """
         try:
             spec = find_technique(self.job.technique)
@@ -170,8 +175,11 @@ class Session:
                 for item in frame_passes(twin)
             ]
             compile_launches(twin, prepared)
-        except Exception:  # a fault of the technique is told by its own first frame
-            return
+        except Exception as error:  # a fault of the technique is told by its own first frame too
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            note = f"kernels were not compiled ahead, its first frames did that ({reason})"
+            _LOG.warning("%s: %s", job_label(self.job, self.world.scene.name), note)
+            self.notes.append(without_paths(note))
 
     def size_of(self, name: str) -> int:
         """The work-group size of the pass ``name``."""

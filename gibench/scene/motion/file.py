@@ -64,9 +64,8 @@ def _motion(entry: Any, label: str, where: object) -> Motion:
         if clash := [key for key in ("positions", "rotate_degrees", "through") if key in table]:
             table.fail("matrices", f"give either matrices or {clash[0]}")
         rotations, positions = _matrices(table)
-        return Keyframes(
-            *(name, tuple(frames), positions, rotations, (0.0, 0.0, 0.0)), table.flag("repeat")
-        )
+        through = 0.0, 0.0, 0.0
+        return Keyframes(name, tuple(frames), positions, rotations, through, table.flag("repeat"))
     if "positions" not in table and "rotate_degrees" not in table:
         table.fail("positions", "give positions, rotate_degrees or matrices, one per frame")
     positions, rotations = ((0.0, 0.0, 0.0),) * len(frames), (IDENTITY,) * len(frames)

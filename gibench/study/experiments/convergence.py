@@ -115,6 +115,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
         world = session.world
         seen = view(world.scene, world.lightmap, world.camera, *_COMPARED)
         session.prepare(whole=True)
+        session.compile()
         for frame in range(lengths.before + lengths.after):
             wall_ms = session.frame(frame).wall_ms
             if frame >= lengths.before:

@@ -152,6 +152,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
         worker.alone(),
     ):
         session.prepare(whole=True)
+        session.compile()
         for frame in range(frames):
             times = session.frame(frame)
             when = _when(frame, sizes)

@@ -166,15 +166,18 @@ class FrameScene:
             motion: what moves in it.
             transforms: its objects' transforms are asked for, whether anything moves or not.
         """
-        tree = DeviceBvh.least_buffers(len(scene.triangles))
+        triangles, words = len(scene.triangles), 0
+        if scene.cutouts is not None:
+            words = scene.cutouts.packed_bytes(triangles) // 4
+        if bvh is None:
+            tree = DeviceBvh.least_buffers(triangles, cutout_words=words)
+        else:
+            tree = DeviceBvh.buffers(bvh, cutout_words=words)
         found = [
-            *(tree if bvh is None else DeviceBvh.buffers(bvh)),
+            *tree,
             *Surfaces.buffers(scene),
             *FrameScene._views(scene, width, height),
         ]
-        if scene.cutouts is not None:
-            words = scene.cutouts.packed_bytes(len(scene.triangles)) // 4
-            found.append(BufferSpec.of("bvh_cutouts", words, np.uint32))
         if transforms or motion is not None:
             found.append(transforms_buffer(scene))
         if motion is not None:

@@ -90,8 +90,14 @@ def operator_norm(
                 origin = receivers.position[receiver] + offset * receivers.normal[receiver]
                 weights = row[used].astype(np.float64) @ basis.T
                 towards, sees = _mutual(
-                    *(origin, receivers.normal[receiver], tracer),
-                    *(points[probe], planes[probe], escaped[probe], back[probe], around),
+                    tracer,
+                    origin=origin,
+                    normal=receivers.normal[receiver],
+                    points=points[probe],
+                    planes=planes[probe],
+                    escaped=escaped[probe],
+                    back=back[probe],
+                    around=around,
                 )
                 chain = weights[sees] @ sh_basis(RECEIVER_ORDER, towards[sees])
                 own = ideal[receiver]
@@ -122,9 +128,10 @@ def _seen_by_probes(
 
 
 def _mutual(
+    tracer: RayTracer,
+    *,
     origin: Any,
     normal: Any,
-    tracer: RayTracer,
     points: Any,
     planes: Any,
     escaped: Any,
