@@ -10,7 +10,7 @@ UNFINISHED = ".tmp"
 """How the name of a file that is being written ends."""
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes | memoryview) -> None:
     """Write ``path`` so that readers see the old file or the new one, never half of one.
 
     The content goes to ``.<name>.<random>.tmp`` beside it, is flushed to the disk and renamed.

@@ -96,6 +96,6 @@ def _save(path: Path, lightmap: Lightmap) -> None:
     np.savez(body, allow_pickle=False, size=size, triangle_uvs=lightmap.triangle_uvs, **arrays)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, body.getvalue())
+        write_whole(path, body.getbuffer())
     except OSError:
         return

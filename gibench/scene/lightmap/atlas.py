@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gibench.arrays import Doubles, Floats, Longs
@@ -29,6 +31,7 @@ MOST_TIMES = 2.0
 # largest one, and the nearest point moves by this share towards the middle of its fragment.
 SLIVER = 0.1
 DRAWN_INWARDS = 0.5
+PART = 1 << 20  # fragments worked on at a time
 
 
 Packed = tuple[Floats, int, int, list[Pieces]]
@@ -168,19 +171,25 @@ def _fragments(scene: Scene, pieces: list[Pieces], width: int) -> tuple[Fragment
     texel = np.concatenate([p.y * width + p.x for p in pieces])
     order = np.argsort(texel, kind="stable")
     triangle = np.concatenate([p.triangle for p in pieces])[order]
-    barycentric = np.concatenate([p.barycentric for p in pieces])[order]
+    barycentric = np.concatenate([p.barycentric for p in pieces])
+    pieces.clear()  # large meshes have millions of them
+    barycentric = barycentric[order]
     texel = texel[order]
     pieces[:] = [Pieces(triangle, texel % width, texel // width, barycentric)]
     own, first = np.unique(texel, return_index=True)
     start = np.append(first, len(texel)).astype(np.int64)
-    corners = barycentric @ scene.corners[triangle].astype(np.float64)
-    fragments = Fragments(
-        start=start,
-        corners=corners.astype(np.float32),
-        triangle=triangle.astype(np.int32),
-        area=triangle_areas(corners).astype(np.float32),
-    )
-    return fragments, own
+    corners = np.empty((len(texel), 3, 3), np.float32)
+    area = np.empty(len(texel), np.float32)
+    for part in _parts(len(texel)):
+        whole = scene.positions[scene.triangles[triangle[part]]].astype(np.float64)
+        exact = barycentric[part] @ whole
+        corners[part], area[part] = exact, triangle_areas(exact)
+    return Fragments(start, corners, triangle.astype(np.int32), area), own
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """Stretches of ``count`` rows, which keep what is computed of them on the way small."""
+    return (slice(first, first + PART) for first in range(0, count, PART))
 
 
 def _receivers(scene: Scene, pieces: list[Pieces], fragments: Fragments, texel: Longs) -> Receivers:
@@ -198,8 +207,10 @@ def _receivers(scene: Scene, pieces: list[Pieces], fragments: Fragments, texel: 
     def mean(values: Doubles) -> Doubles:
         return np.asarray(np.add.reduceat(values * weight[:, None], start, axis=0) / total)
 
-    centre = barycentric.mean(axis=1)
-    shading = np.einsum("mk,mki->mi", centre, scene.normals[scene.triangles[triangle]])
+    shading = np.empty((len(triangle), 3))
+    for part in _parts(len(triangle)):
+        normals = scene.normals[scene.triangles[triangle[part]]]
+        shading[part] = np.einsum("mk,mki->mi", barycentric[part].mean(axis=1), normals)
     emission = np.array([m.emission for m in scene.materials], np.float64)
     return Receivers(
         texel=texel.astype(np.int32),
@@ -234,7 +245,9 @@ def _nearest(corners: Doubles, point: Doubles, start: Longs, owner: Longs) -> Do
     nearest point may then lie on the patch's outline, where a wall begins; it is drawn inwards.
     Slivers beside a larger fragment are passed over.
     """
-    candidate = closest_point(corners, point[owner])
+    candidate = np.empty((len(owner), 3))
+    for part in _parts(len(owner)):
+        candidate[part] = closest_point(corners[part], point[owner[part]])
     distance = np.linalg.norm(candidate - point[owner], axis=1)
     area = triangle_areas(corners)
     largest = np.maximum.reduceat(area, start)[owner]

@@ -11,12 +11,13 @@ import xatlas
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from gibench.arrays import Doubles, Floats, Longs
+from gibench.arrays import Doubles, Floats, Longs, least_of_corners, most_of_corners
+from gibench.scene.lightmap.projected import projected_charts
 from gibench.scene.lightmap.raster import (
     covered_texels,
     doubled_areas,
 )
-from gibench.scene.model import Scene
+from gibench.scene.model import MOST_UNFOLDED, Scene
 
 # Overlap that lightmap coordinates from a file may show before they are refused, as a share of the
 # covered area: authored charts that share an edge overlap by rounding.
@@ -49,7 +50,8 @@ _THREADS_SLEEP_S = 0.02
 
 
 def flatten(scene: Scene, texel_area: float) -> Charts:
-    """Flatten the scene: by the lightmap coordinates it brings, else by xatlas.
+    """Flatten the scene: by the lightmap coordinates it brings, else by xatlas, above
+    ``MOST_UNFOLDED`` triangles by projection along axes.
 
     A triangle that xatlas leaves out becomes a chart of its own unless it is smaller than a
     hundredth of ``texel_area`` (m2), in which case it has no place.
@@ -63,7 +65,17 @@ def flatten(scene: Scene, texel_area: float) -> Charts:
         warnings.warn(
             f"{scene.name}: its lightmap coordinates {fault}; unwrapped anew", stacklevel=3
         )
+    if len(scene.triangles) > MOST_UNFOLDED:
+        return _projected(scene, texel_area)
     return _unfold(scene, texel_area)
+
+
+def _projected(scene: Scene, texel_area: float) -> Charts:
+    """Charts by projection along axes, each then stretched to be isometric on average."""
+    corners = scene.corners.astype(np.float64)
+    uvs, chart, count = projected_charts(scene.positions, scene.triangles, texel_area**0.5)
+    area = triangle_areas(corners)
+    return Charts(_isometric(uvs, chart, count, corners, area), chart, count, placed=False)
 
 
 def _fault(uvs: Doubles) -> str | None:
@@ -225,8 +237,11 @@ def at_resolution(charts: Charts, texels_per_unit: float) -> Layout:
     label = charts.chart[own]
     low = np.full((charts.count, 2), np.inf)
     high = np.full((charts.count, 2), -np.inf)
-    np.minimum.at(low, label, uvs[own].min(axis=1))
-    np.maximum.at(high, label, uvs[own].max(axis=1))
+    mine = uvs[own]
+    least, most = least_of_corners(mine), most_of_corners(mine)
+    for axis in (0, 1):
+        np.minimum.at(low[:, axis], label, least[:, axis])
+        np.maximum.at(high[:, axis], label, most[:, axis])
     size = np.ceil(high - low + 2 * MARGIN)
     shift = (size - (high - low)) / 2 - low
     uvs[own] += shift[label, None]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles, Longs
+from gibench.arrays import Doubles, Longs, least_of_corners, most_of_corners
 
 # Candidates (triangle, texel) handled at once: about 60 MB of polygons.
 BATCH = 1 << 17
@@ -59,15 +59,15 @@ def covered_texels(uvs: Doubles, batch: int = BATCH) -> Iterator[tuple[Longs, Lo
     area = doubled_areas(uvs)
     usable = np.flatnonzero(np.isfinite(area) & (area != 0))
     corners = uvs[usable]
-    low = np.floor(corners.min(axis=1)).astype(np.int64)
-    high = np.maximum(np.ceil(corners.max(axis=1)).astype(np.int64) - 1, low)
+    low = np.floor(least_of_corners(corners)).astype(np.int64)
+    high = np.maximum(np.ceil(most_of_corners(corners)).astype(np.int64) - 1, low)
     size = high - low + 1
-    ends = np.cumsum(size.prod(axis=1))
+    ends = np.cumsum(size[:, 0] * size[:, 1])
     total = int(ends[-1]) if len(ends) else 0
     for first in range(0, total, batch):
         number = np.arange(first, min(first + batch, total))
         local = np.searchsorted(ends, number, side="right")
-        inside = number - (ends[local] - size[local].prod(axis=1))
+        inside = number - (ends[local] - size[local, 0] * size[local, 1])
         x = low[local, 0] + inside % size[local, 0]
         y = low[local, 1] + inside // size[local, 0]
         chosen = usable[local]

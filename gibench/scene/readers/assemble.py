@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gibench.errors import printable
+from gibench.progress import progress
 from gibench.scene.model import Scene
 from gibench.scene.readers.backs import apart, with_backs
 from gibench.scene.readers.clean import clean
@@ -25,12 +26,18 @@ def assembled(name: str, content: Content, where: object) -> Scene:
     Raises:
         BadInput: no usable triangle is left.
     """
-    content, origin = recentred(realised(content))
-    content = _printable(content)
-    fronts = clean(content, where)
-    mesh = with_backs(fronts, content.materials, content.lights, content.cameras)
-    mesh = apart(mesh, backs=len(mesh.triangles) - len(fronts.triangles))
-    scene = scene_of(name, mesh, content)
+    with progress(f"Preparing {name}", 5) as advance:
+        content, origin = recentred(realised(content))
+        content = _printable(content)
+        advance(1)
+        fronts = clean(content, where)
+        advance(1)
+        mesh = with_backs(fronts, content.materials, content.lights, content.cameras)
+        advance(1)
+        mesh = apart(mesh, backs=len(mesh.triangles) - len(fronts.triangles))
+        advance(1)
+        scene = scene_of(name, mesh, content)
+        advance(1)
     return replace(scene, origin=origin) if any(origin) else scene
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from gibench.arrays import unique_rows
 from gibench.scene.model import Camera, DirectionalLight, Light, Material
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.content import Array, counted
@@ -77,7 +78,7 @@ def _and(values: Array | None, again: Array) -> Array | None:
 def _places(mesh: CleanMesh) -> Array:
     """(v,) a number for each position: vertices at one place have the same."""
     rows = (mesh.positions + np.float32(0)).view(np.int32)
-    return np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1)
+    return unique_rows(rows)[1]
 
 
 def _can_be_seen(mesh: CleanMesh, mine: Array, points: Array) -> Array:
@@ -192,8 +193,11 @@ def _coincident(mesh: CleanMesh, corners: Array, flat: Array, scale: float) -> A
     distance = np.einsum("tx,tx->t", normal, corners.mean(axis=1))
     # Shifted by a third, so that normals along axes are not at the border between two steps.
     steps = np.floor(normal * _NORMAL_STEPS + 1 / 3).astype(np.int64)
-    order = np.lexsort((distance, *steps.T))
-    jump = (np.diff(steps[order], axis=0) != 0).any(axis=1)
+    steps += int(_NORMAL_STEPS) + 1  # from 0, so that three of them are one number
+    base = 2 * int(_NORMAL_STEPS) + 3
+    direction = (steps[:, 2] * base + steps[:, 1]) * base + steps[:, 0]
+    order = np.lexsort((distance, direction))
+    jump = np.diff(direction[order]) != 0
     jump |= np.diff(distance[order]) > SAME_PLANE * scale
     plane = np.concatenate(([0], np.cumsum(jump)))
     moved = _twins(mesh)
@@ -217,9 +221,11 @@ def _twins(mesh: CleanMesh) -> Array:
     turned = np.stack([np.roll(np.arange(3), -k) for k in range(3)])[first]
     key = np.take_along_axis(corners, turned, axis=1)
     ways = np.concatenate((key, key[:, [0, 2, 1]]))
-    group = np.unique(ways, axis=0, return_inverse=True)[1].reshape(-1)
+    first, group = unique_rows(ways)
     own, other = group[: len(key)], group[len(key) :]
-    return np.asarray(np.isin(own, other))
+    turned_round = np.zeros(len(first), np.bool_)
+    turned_round[other] = True
+    return np.asarray(turned_round[own])
 
 
 def _overlapping(outlines: Array, front: Array, margin: float) -> Array:
@@ -227,19 +233,39 @@ def _overlapping(outlines: Array, front: Array, margin: float) -> Array:
     result = np.zeros(len(outlines), bool)
     a, b = np.flatnonzero(front), np.flatnonzero(~front)
     low, high = outlines.min(axis=1), outlines.max(axis=1)
-    b = b[np.argsort(low[b, 0])]
-    rows = max(1, _PAIRS // max(1, len(b)))
-    for start in range(0, len(a), rows):
+    # Both from left to right, so that those which some can meet are a stretch of the others.
+    a, b = (mine[np.argsort(low[mine, 0])] for mine in (a, b))
+    left = low[b, 0]
+    widest = float((high[b, 0] - left).max(initial=0.0))
+    start = 0
+    while start < len(a):
+        first = int(np.searchsorted(left, low[a[start], 0] - widest))
+        rows = _rows_from(a, start, low, high, left, first)
         some = a[start : start + rows]
-        meet = np.ones((len(some), len(b)), bool)
+        near = b[first : int(np.searchsorted(left, high[some, 0].max()))]
+        start += rows
+        meet = np.ones((len(some), len(near)), bool)
         for axis in (0, 1):
-            meet &= low[some, axis][:, None] < high[b, axis] - margin
-            meet &= low[b, axis] < high[some, axis][:, None] - margin
+            meet &= low[some, axis][:, None] < high[near, axis] - margin
+            meet &= low[near, axis] < high[some, axis][:, None] - margin
         i, j = np.nonzero(meet)
-        i, j = some[i], b[j]
+        i, j = some[i], near[j]
         hit = _overlap(outlines[i], outlines[j], margin)
         result[i[hit]] = result[j[hit]] = True
     return result
+
+
+def _rows_from(a: Array, start: int, low: Array, high: Array, left: Array, first: int) -> int:
+    """How many of ``a`` from ``start`` on are tested at once: at least one, at most ``_PAIRS``
+    pairs.
+    """
+    rows = len(a) - start
+    while rows > 1:
+        reach = high[a[start : start + rows], 0].max()
+        if rows * (int(np.searchsorted(left, reach)) - first) <= _PAIRS:
+            break
+        rows = (rows + 1) // 2
+    return rows
 
 
 def _overlap(a: Array, b: Array, margin: float) -> Array:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Floats, Ints
+from gibench.arrays import Floats, Ints, unique_rows
 from gibench.errors import BadInput
 from gibench.scene.readers.content import Array, Content, Part, counted
 
@@ -239,7 +239,7 @@ def _mend_normals(mesh: _Mesh, notes: list[str]) -> None:
     old = mesh.triangles[triangle, corner]
     # Corners of one vertex that get the same normal share one new vertex.
     keys = np.column_stack((old, flat[triangle].astype(np.float32).view(np.int32)))
-    _, first, inverse = _unique_rows(keys)
+    first, inverse = unique_rows(keys)
     start = len(mesh.positions)
     for name in ("positions", "uvs", "lightmap_uvs", *_cutout_uvs(mesh)):
         values = getattr(mesh, name)
@@ -247,17 +247,6 @@ def _mend_normals(mesh: _Mesh, notes: list[str]) -> None:
     mesh.normals = np.concatenate((mesh.normals, flat[triangle[first]]))
     mesh.triangles = mesh.triangles.copy()
     mesh.triangles[triangle, corner] = start + inverse
-
-
-def _unique_rows(rows: Array) -> tuple[Array, Array, Array]:
-    """np.unique over rows (values, first index, inverse) by one lexicographic sort."""
-    order = np.lexsort(rows.T)
-    ordered = rows[order]
-    new = np.ones(len(rows), bool)
-    new[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    inverse = np.empty(len(rows), np.int64)
-    inverse[order] = np.cumsum(new) - 1
-    return ordered[new], order[new], inverse
 
 
 def _compact(mesh: _Mesh) -> None:
@@ -278,7 +267,7 @@ def _cutout_uvs(mesh: _Mesh) -> tuple[str, ...]:
 
 def _edges_of_many(mesh: _Mesh) -> int:
     """Number of edges, by position, that more than two triangles share."""
-    _, _, place = _unique_rows((mesh.positions + np.float32(0)).view(np.int32))
+    _, place = unique_rows((mesh.positions + np.float32(0)).view(np.int32))
     corner = place[mesh.triangles]
     pairs = np.concatenate((corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]))
     pairs.sort(axis=1)

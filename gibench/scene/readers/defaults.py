@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gibench.scene.cutouts import Cutouts
-from gibench.scene.model import DirectionalLight, Environment, Material, Scene
+from gibench.scene.model import MOST_UNFOLDED, DirectionalLight, Environment, Material, Scene
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.content import Array, Content, unit
 from gibench.scene.readers.viewpoint import suggested_camera
@@ -28,6 +28,14 @@ _SIZES = ((2_000, 40_000, 27), (100_000, 100_000, 100))
 # from Sparse Radiance Probes": Sponza with 246 325 receivers and 150 probes.
 _LARGEST = (246_325, 150)
 
+# From so many triangles on a scene says what it needs. As measured on displaced grids
+# (tests/support/large_scenes.py): a million's memory at its peak and minutes of one core, and the
+# bytes of tree a triangle.
+LARGE = 2_500_000
+GIB_PER_MILLION = 1.6
+MINUTES_PER_MILLION = 0.5
+TREE_BYTES = 70
+
 
 def suggested_sizes(triangles: int) -> tuple[int, int]:
     """Numbers of receivers and of probes for a scene of so many triangles."""
@@ -35,6 +43,25 @@ def suggested_sizes(triangles: int) -> tuple[int, int]:
         if triangles <= limit:
             return receivers, probes
     return _LARGEST
+
+
+def size_remarks(mesh: CleanMesh) -> list[str]:
+    """What a scene of very many triangles means for a run."""
+    count = len(mesh.triangles)
+    said = []
+    if count > MOST_UNFOLDED and mesh.lightmap_uvs is None:
+        said.append(
+            f"{count:,} triangles: unwrapped by projection along axes, as xatlas takes minutes for "
+            f"more than {MOST_UNFOLDED:,}"
+        )
+    if count > LARGE:
+        millions = count / 1e6
+        said.append(
+            f"{count:,} triangles: a run needs about {GIB_PER_MILLION * millions:.0f} GiB of host "
+            f"memory, {MINUTES_PER_MILLION * millions:.0f} minutes to unwrap and to build the ray "
+            f"tracing tree, and {TREE_BYTES * count / 2**20:,.0f} MiB of tree on the device"
+        )
+    return said
 
 
 def glows(mesh_materials: tuple[Material, ...], used: Array) -> bool:
@@ -77,7 +104,7 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
         lightmap_uvs=mesh.lightmap_uvs,
         object_names=content.object_names,
         receivers=receivers,
-        warnings=(*content.warnings, *mesh.warnings),
+        warnings=(*content.warnings, *mesh.warnings, *size_remarks(mesh)),
         cutouts=_cutouts_of(mesh, content),
     )
     scene = replace(scene, probes=replace(scene.probes, count=probes, automatic=True))

@@ -7,19 +7,24 @@ ZBrush's convention), linear as Kd is.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from trimesh.visual.texture import unmerge_faces
 
-from gibench.errors import BadInput
+from gibench.errors import BadInput, printable
+from gibench.progress import progress
 from gibench.scene.readers.content import Array, Content, Part, counted
 from gibench.scene.readers.mtl import Library, read_libraries
+from gibench.scene.readers.obj_blocks import Corners, Faces, Numbers, blocks
 from gibench.scene.readers.polygons import cut, fan, fans_hold
 from gibench.scene.readers.text import argument, read_text, statements
 
 Corner = tuple[int, int, int]
+# Letters from which on a file is read by whole blocks of lines, with progress.
+LARGE_TEXT = 1 << 22
 
 
 class _RunKey(NamedTuple):
@@ -31,15 +36,48 @@ class _RunKey(NamedTuple):
     has_normal: bool
 
 
+class Rows:
+    """Rows of numbers, one by one and by whole arrays."""
+
+    def __init__(self, width: int) -> None:
+        self._whole: list[Array] = []
+        self._single: list[tuple[float, ...]] = []
+        self._width, self._count = width, 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, row: tuple[float, ...]) -> None:
+        """Add a row."""
+        self._single.append(row)
+        self._count += 1
+
+    def extend(self, rows: Array) -> None:
+        """Add rows (n, width)."""
+        self._gather()
+        self._whole.append(rows)
+        self._count += len(rows)
+
+    def array(self) -> Array:
+        """All rows, (n, width) float64."""
+        self._gather()
+        return np.concatenate([np.empty((0, self._width)), *self._whole])
+
+    def _gather(self) -> None:
+        if self._single:
+            self._whole.append(np.array(self._single, np.float64))
+            self._single = []
+
+
 @dataclass
 class _Plain:
     """An OBJ file's numbers and faces; corners are (vertex, uv, normal), counted from 1."""
 
-    numbers: dict[str, list[tuple[float, ...]]] = field(
-        default_factory=lambda: {"v": [], "vt": [], "vn": []}
+    numbers: dict[str, Rows] = field(
+        default_factory=lambda: {"v": Rows(3), "vt": Rows(2), "vn": Rows(3)}
     )
-    colors: dict[int, tuple[float, ...]] = field(default_factory=dict)  # by vertex, from 0
-    faces: dict[_RunKey, list[list[Corner]]] = field(default_factory=dict)
+    colors: list[tuple[int, Array]] = field(default_factory=list)  # of vertices from a number on
+    faces: dict[_RunKey, list[list[Corner] | Corners]] = field(default_factory=dict)
     libraries: list[str] = field(default_factory=list)
     out_of_range: int = 0
     not_faces: int = 0
@@ -62,7 +100,7 @@ def load_obj(path: Path) -> Content:
         raise BadInput(what, where=path, mend="the file must hold faces ('f' lines)")
     runs = list(plain.faces)
     crossing = 0
-    arrays = {key: np.array(rows, np.float64) for key, rows in plain.numbers.items()}
+    arrays = {key: rows.array() for key, rows in plain.numbers.items()}
     colors = _colors(plain, len(arrays["v"]))
     library = read_libraries(
         path.parent, plain.libraries, [run.material for run in runs], colors is not None
@@ -102,47 +140,108 @@ def _remarks(plain: _Plain, crossing: int) -> list[str]:
 _CURVES_AND_POINTS = {"p", "l", "curv", "curv2", "surf"}
 
 
-def _plain(text: str, path: Path) -> _Plain:
-    plain = _Plain()
-    group, material = "", ""
-    seen: dict[str, Corner] = {}
-    # Indices may point forwards, so the range is checked at the end.
-    pending: list[tuple[_RunKey, list[Corner]]] = []
-    for number, statement in statements(text):
-        keyword = statement.split(None, 1)[0]
-        if keyword in plain.numbers:
-            words = statement.partition("#")[0].split()
-            _read_numbers(plain, keyword, words[1:], number, path)
-        elif keyword == "f":
-            words = statement.partition("#")[0].split()
-            try:
-                corners = [seen.get(w) or _corner(w, plain.numbers, seen) for w in words[1:]]
-            except ValueError as error:
-                raise BadInput(f"line {number}: face index '{error}'", where=path) from error
-            if len(corners) < 3:
-                plain.not_faces += 1
-                continue
-            key = _RunKey(
-                group,
-                material,
-                0 not in [corner[1] for corner in corners],
-                0 not in [corner[2] for corner in corners],
-            )
-            pending.append((key, corners))
-        elif keyword in ("o", "g"):
-            group = " ".join(argument(statement).split())
-        elif keyword == "usemtl":
-            material = " ".join(argument(statement).split())
-        elif keyword == "mtllib":
-            plain.libraries.append(argument(statement))
-        elif keyword in _CURVES_AND_POINTS:
-            plain.ignored_lines += 1
-    for key, corners in pending:
-        if _inside(key, corners, plain):
-            plain.faces.setdefault(key, []).append(corners)
-        else:
-            plain.out_of_range += 1
-    return plain
+class _Lines:
+    """Takes an OBJ file's lines in their order."""
+
+    def __init__(self, path: Path) -> None:
+        self.plain = _Plain()
+        self._path = path
+        self._group, self._material = "", ""
+        self._seen: dict[str, Corner] = {}
+        # Indices may point forwards, so the range is checked at the end.
+        self._pending: list[tuple[_RunKey, list[Corner] | Corners]] = []
+
+    def read(self, text: str, first_line: int) -> None:
+        """Lines of any kind, one by one."""
+        plain, seen, path = self.plain, self._seen, self._path
+        for at, statement in statements(text):
+            number = first_line + at - 1
+            keyword = statement.split(None, 1)[0]
+            if keyword in plain.numbers:
+                words = statement.partition("#")[0].split()
+                _read_numbers(plain, keyword, words[1:], number, path)
+            elif keyword == "f":
+                words = statement.partition("#")[0].split()
+                try:
+                    corners = [seen.get(w) or _corner(w, plain.numbers, seen) for w in words[1:]]
+                except ValueError as error:
+                    raise BadInput(f"line {number}: face index '{error}'", where=path) from error
+                if len(corners) < 3:
+                    plain.not_faces += 1
+                    continue
+                has_uv = 0 not in [corner[1] for corner in corners]
+                has_normal = 0 not in [corner[2] for corner in corners]
+                self._pending.append((self._key(has_uv, has_normal), corners))
+            elif keyword in ("o", "g"):
+                self._group = " ".join(argument(statement).split())
+            elif keyword == "usemtl":
+                self._material = " ".join(argument(statement).split())
+            elif keyword == "mtllib":
+                plain.libraries.append(argument(statement))
+            elif keyword in _CURVES_AND_POINTS:
+                plain.ignored_lines += 1
+
+    def _key(self, has_uv: bool, has_normal: bool) -> _RunKey:
+        return _RunKey(self._group, self._material, has_uv, has_normal)
+
+    def add_numbers(self, block: Numbers) -> None:
+        """Lines of ``v``, ``vt`` or ``vn``."""
+        rows = self.plain.numbers[block.keyword]
+        if block.colors is not None:
+            self.plain.colors.append((len(rows), block.colors))
+        rows.extend(block.rows)
+
+    def add_faces(self, block: Faces) -> None:
+        """Lines of ``f``, all of one kind."""
+        counts = [len(rows) for rows in self.plain.numbers.values()]
+        has_uv, has_normal = block.has
+        self._pending.append((self._key(has_uv, has_normal), block.counted_from(counts)))
+
+    def finished(self) -> _Plain:
+        """All that was read, without faces whose indices are out of range."""
+        for key, corners in self._pending:
+            if isinstance(corners, np.ndarray):
+                sound = self._sound(key, corners)
+                self.plain.out_of_range += len(corners) - int(sound.sum())
+                if sound.any():
+                    self.plain.faces.setdefault(key, []).append(corners[sound])
+            elif _inside(key, corners, self.plain):
+                self.plain.faces.setdefault(key, []).append(corners)
+            else:
+                self.plain.out_of_range += 1
+        return self.plain
+
+    def _sound(self, key: _RunKey, corners: Corners) -> Array:
+        limits = np.array([len(rows) for rows in self.plain.numbers.values()])
+        used = np.array([True, key.has_uv, key.has_normal])
+        inside = (corners > 0) & (corners <= limits) | ~used
+        return np.asarray(inside.all(axis=(1, 2)))
+
+
+def _plain(text: str, path: Path, whole_blocks_from: int = LARGE_TEXT) -> _Plain:
+    """The file's numbers and faces.
+
+    Args:
+        text: of the file.
+        path: of the file, for messages.
+        whole_blocks_from: letters from which on lines of one kind are read many at a time.
+    """
+    lines = _Lines(path)
+    if len(text) < whole_blocks_from:
+        lines.read(text, 1)
+        return lines.finished()
+    with progress(f"Reading {printable(path.name)}", len(text)) as advance:
+        number = 1
+        for block in blocks(text):
+            if isinstance(block.content, Numbers):
+                lines.add_numbers(block.content)
+            elif isinstance(block.content, Faces):
+                lines.add_faces(block.content)
+            else:
+                lines.read(block.text, number)
+            number += block.text.count("\n")
+            advance(len(block.text))
+    return lines.finished()
 
 
 def _read_numbers(plain: _Plain, keyword: str, words: list[str], number: int, path: Path) -> None:
@@ -167,7 +266,7 @@ def _read_numbers(plain: _Plain, keyword: str, words: list[str], number: int, pa
         )
     rows = plain.numbers[keyword]
     if keyword == "v" and len(values) >= 6:
-        plain.colors[len(rows)] = values[-3:]
+        plain.colors.append((len(rows), np.array([values[-3:]])))
     rows.append(values[:wanted])
 
 
@@ -179,9 +278,7 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _corner(
-    word: str, numbers: dict[str, list[tuple[float, ...]]], seen: dict[str, Corner]
-) -> Corner:
+def _corner(word: str, numbers: dict[str, Rows], seen: dict[str, Corner]) -> Corner:
     """Absolute 1-based (vertex, uv, normal) of ``1/2/3``; 0 stands for none, -1 for outside.
 
     What does not depend on the place in the file is noted in ``seen``: most corners recur.
@@ -220,32 +317,53 @@ def _colors(plain: _Plain, vertices: int) -> Array | None:
     if not plain.colors:
         return None
     colors = np.ones((vertices, 3))
-    colors[list(plain.colors)] = list(plain.colors.values())
+    for first, rows in plain.colors:
+        colors[first : first + len(rows)] = rows
     return np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0)
 
 
-def _triangles(faces: list[list[Corner]], vertices: Array) -> tuple[Array, int]:
+def _triangles(faces: list[list[Corner] | Corners], vertices: Array) -> tuple[Array, int]:
     """Corners (t, 3, 3) of the triangles of ``faces`` in their order, and how many cross
     themselves.
     """
     crossing = 0
-    sizes = np.array([len(face) for face in faces])
-    pieces: list[Array] = [np.empty((0, 3, 3), np.int64)] * len(faces)
-    for size in np.unique(sizes).tolist():
-        mine = np.flatnonzero(sizes == size)
-        corners = np.array([faces[i] for i in mine], np.int64)
-        fanned = corners[:, fan(size)]
-        if size > 3:
-            with np.errstate(all="ignore"):
-                points = vertices[corners[:, :, 0] - 1]
-                holds = fans_hold(points)
-        for row, i in enumerate(mine):
-            pieces[i] = fanned[row]
-            if size > 3 and not holds[row]:
-                order, simple = cut(points[row])
-                pieces[i] = corners[row][order]
-                crossing += not simple
+    pieces: list[Array] = []
+    for single, some in groupby(faces, lambda face: isinstance(face, list)):
+        if not single:
+            for block in some:
+                found, crossed = _cut(np.asarray(block), vertices)
+                pieces += found
+                crossing += crossed
+            continue
+        listed = list(some)
+        own: list[Array] = [np.empty((0, 3, 3), np.int64)] * len(listed)
+        sizes = np.array([len(face) for face in listed])
+        for size in np.unique(sizes).tolist():
+            mine = np.flatnonzero(sizes == size)
+            found, crossed = _cut(np.array([listed[i] for i in mine], np.int64), vertices)
+            crossing += crossed
+            for i, piece in zip(mine, found, strict=True):
+                own[i] = piece
+        pieces += own
     return np.concatenate(pieces), crossing
+
+
+def _cut(corners: Corners, vertices: Array) -> tuple[list[Array], int]:
+    """The triangles (k, 3, 3) of each of the polygons (n, size, 3), and how many polygons cross
+    themselves.
+    """
+    size = corners.shape[1]
+    fanned = list(corners[:, fan(size)])
+    crossing = 0
+    if size > 3:
+        with np.errstate(all="ignore"):
+            points = vertices[corners[:, :, 0] - 1]
+            holds = fans_hold(points)
+        for row in np.flatnonzero(~holds):
+            order, simple = cut(points[row])
+            fanned[row] = corners[row][order]
+            crossing += not simple
+    return fanned, crossing
 
 
 def _part(
@@ -267,8 +385,10 @@ def _part(
         )
         masks |= dict(zip(used, others, strict=True))
     else:
-        masks["v"], faces = np.unique(v, return_inverse=True)
-        faces = faces.reshape(v.shape)
+        low = int(v.min())
+        is_used = np.zeros(int(v.max()) + 1 - low, np.bool_)
+        is_used[v - low] = True
+        masks["v"], faces = np.flatnonzero(is_used) + low, (np.cumsum(is_used) - 1)[v - low]
     number = library.numbers[run.material]
     uvs = arrays["vt"][masks["vt"]] if run.has_uv else None
     return Part(
