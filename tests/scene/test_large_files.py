@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gibench.scene.defaults import size_remarks
 from support.large_scenes import grid, write_glb, write_obj
 
 from gibench.arrays import unique_rows
 from gibench.errors import BadInput
 from gibench.scene.builtin import build
-from gibench.scene.defaults import size_remarks
 from gibench.scene.lightmap import charts
 from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.lightmap.projected import projected_charts
