@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gibench.scene.defaults import size_remarks
 from support.large_scenes import grid, write_glb, write_obj
 
 from gibench.arrays import unique_rows
@@ -23,6 +22,7 @@ from gibench.scene.lightmap.raster import doubled_areas
 from gibench.scene.load import load_scene
 from gibench.scene.readers import backs, obj
 from gibench.scene.readers.clean import CleanMesh
+from gibench.scene.readers.defaults import size_remarks
 from gibench.scene.readers.obj_blocks import blocks
 
 ODD_LINES = (
