@@ -18,6 +18,7 @@ from gibench.device import Argument, integer, reads, unsigned, updates, writes
 from gibench.rays.tracer import RayTracer
 from gibench.reference.host_cl import HostProgram, host_program
 from gibench.reference.packed import PackedFragments, PackedScene
+from gibench.reference.queues import Queues, Vertices
 
 # Paths and shadow rays of one wave: enough that the short queues at a wave's end cost little,
 # few enough that the queues stay under some 300 MB.
@@ -26,7 +27,6 @@ _WAVE_SHADOW_RAYS = 1 << 21
 # "Any number of bounces"; Russian roulette ends every path long before.
 UNLIMITED = 0x7FFFFFFF
 
-_DRAWN = 5  # numbers drawn ahead for a vertex or a start
 FROM_VERTEX, CAMERA_REFLECTED, CAMERA_ALL = 0, 1, 2
 
 
@@ -106,7 +106,7 @@ class Wavefront:
         self.start = start
         self.last_vertex = UNLIMITED if bounces is None else bounces
         self.work = Work()
-        self._queues: _Queues | None = None
+        self._queues: Queues | None = None
         share = self.program.share
         self._delta = len(scene.lights)
         self._emitters = len(scene.emitters.triangle)
@@ -172,7 +172,7 @@ class Wavefront:
         at_once = max(1, min(self.capacity // samples, owners))
         # Kept between rounds: fresh memory costs as much to touch as a kernel to run.
         if self._queues is None or self._queues.paths < at_once * samples:
-            self._queues = _Queues(self.program, at_once * samples, self._slots)
+            self._queues = Queues(self.program, at_once * samples, self._slots)
         queues = self._queues
         for first in range(0, owners, at_once):
             count = min(at_once, owners - first)
@@ -182,7 +182,7 @@ class Wavefront:
         self.work.seconds += time.perf_counter() - began
         return mean
 
-    def _wave(self, q: _Queues, first: int, owners: int, samples: int, seed: int) -> None:
+    def _wave(self, q: Queues, first: int, owners: int, samples: int, seed: int) -> None:
         run, count = self.program.run, owners * samples
         paths = (unsigned("first", first), unsigned("samples", samples))
         which = (*paths, unsigned("round_seed", seed))
@@ -246,7 +246,7 @@ class Wavefront:
         self.program.queue.finish()
 
     def _go_on(
-        self, q: _Queues, at: _Vertices, count: int, vertex: int, which: tuple[Argument, ...]
+        self, q: Queues, at: Vertices, count: int, vertex: int, which: tuple[Argument, ...]
     ) -> None:
         """Directions for the rays that leave ``at``, and the numbers drawn ahead there."""
         choose = (1 if self._emitters else 0) + (2 if self._sampled else 0)
@@ -267,7 +267,7 @@ class Wavefront:
         )
         self.program.queue.finish()
 
-    def _connect(self, q: _Queues, at: _Vertices, count: int, vertex: int) -> None:
+    def _connect(self, q: Queues, at: Vertices, count: int, vertex: int) -> None:
         direct = isinstance(self.start, CameraStart) and not self.start.indirect_only
         first_light = 0 if vertex > 0 or direct else self._delta
         slots = self._slots - first_light
@@ -323,9 +323,9 @@ class Wavefront:
 
     def _follow(
         self,
-        q: _Queues,
-        at: _Vertices,
-        after: _Vertices,
+        q: Queues,
+        at: Vertices,
+        after: Vertices,
         count: int,
         vertex: int,
         kind: int,
@@ -368,44 +368,3 @@ class Wavefront:
     def _traced(self, rays: int, began: float) -> None:
         self.work.rays += rays
         self.work.ray_seconds += time.perf_counter() - began
-
-
-class _Vertices:
-    """Surface points that paths have reached, and the rays that leave them."""
-
-    def __init__(self, program: HostProgram, paths: int) -> None:
-        self.origin = program.empty((paths, 3), np.float32)
-        self.direction = program.empty((paths, 3), np.float32)
-        self.shading = program.empty((paths, 3), np.float32)
-        self.geometric = program.empty((paths, 3), np.float32)
-        self.path = program.empty(paths, np.int32)
-        self.density = program.empty(paths, np.float32)
-        self.reached = (
-            writes("origin", self.origin),
-            writes("shading", self.shading),
-            writes("geometric", self.geometric),
-            writes("path", self.path),
-        )
-
-
-class _Queues:
-    """All that a wave of paths needs."""
-
-    def __init__(self, program: HostProgram, paths: int, slots: int) -> None:
-        self.paths = paths
-        connections = max(1, paths * slots)
-        self.vertices = (_Vertices(program, paths), _Vertices(program, paths))
-        self.throughput = program.empty((paths, 3), np.float32)
-        self.collected = program.empty((paths, 3), np.float32)
-        self.mean = program.empty((paths, 3), np.float32)
-        # Random numbers (kernels_cl/reference/path.cl, DRAWN_...), planes of `paths` numbers.
-        self.stride = unsigned("stride", paths)
-        self.drawn = program.empty((_DRAWN, paths), np.float32)
-        self.drawn_before = (self.stride, reads("drawn", self.drawn))
-        self.counter = program.empty(1, np.int32)
-        self.ray_of = program.empty(connections, np.int32)
-        self.weight = program.empty((connections, 3), np.float32)
-        self.shadow_origin = program.empty((connections, 3), np.float32)
-        self.shadow_direction = program.empty((connections, 3), np.float32)
-        self.shadow_limit = program.empty(connections, np.float32)
-        self.blocked = program.empty(connections, np.uint8)

@@ -343,12 +343,6 @@ def rows_of(
     return rows
 
 
-def measure_of(row: dict[str, Any] | Any, metric: str) -> Measure:
-    """The metric of a row with its noise."""
-    perfect = 1.0 if metric == "ssim" else 0.0
-    return Measure(float(row[metric]), float(row[f"{metric}_noise"]), perfect)
-
-
 def settings_in_words(settings: Any) -> str:
     """The settings that differ from the defaults, ``name=value`` joined by commas."""
     changed = [

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from gibench.bake import lightmap as lightmap_module
-from gibench.bake.lightmap import lightmap_key
+from gibench.bake.lightmap import cached_lightmap, lightmap_key
 from gibench.scene.builtin import build
 from gibench.scene.model import Environment, Scene, Texture
 from gibench.study.frozen import frozen
@@ -92,3 +92,30 @@ def test_all_code_that_unwraps_lies_where_the_key_looks() -> None:
         found = find_spec(name)
         assert found is not None
         assert folder in Path(str(found.origin)).parents
+
+
+def test_a_lightmap_is_unwrapped_once_and_again_when_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = build("cornell-box")
+    first = cached_lightmap(scene, 300, tmp_path)
+    (file,) = (tmp_path / "lightmaps").iterdir()
+
+    import gibench.scene.lightmap.atlas as atlas
+
+    calls = []
+    unwrap = atlas.unwrap
+    monkeypatch.setattr(atlas, "unwrap", lambda *a: calls.append(a) or unwrap(*a))
+    again = cached_lightmap(scene, 300, tmp_path)
+    assert not calls
+    assert again.content_hash() == first.content_hash()
+    assert again.requested == first.requested
+    np.testing.assert_array_equal(again.receivers.area, first.receivers.area)
+
+    file.write_bytes(file.read_bytes()[:-100])
+    assert cached_lightmap(scene, 300, tmp_path).content_hash() == first.content_hash()
+    assert len(calls) == 1
+    cached_lightmap(replace(scene, lights=()), 300, tmp_path)
+    assert len(calls) == 1  # lights have no part in it
+    cached_lightmap(replace(scene, normals=-scene.normals), 300, tmp_path)
+    assert len(calls) == 2  # other content, other file

@@ -10,7 +10,8 @@ from gibench.rays.tracer import Hits
 from gibench.reference import host_cl, wavefront
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
-from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront, _Queues
+from gibench.reference.queues import Queues
+from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
@@ -58,7 +59,7 @@ def ready(scene, tracer, rng, count):
     """A wavefront and queues with ``count`` random vertices inside the unit box."""
     start = ReceiverStart(pack_fragments(lightmap_of(scene, [0]).fragments))
     front = Wavefront(pack_scene(scene, 0), tracer, start, 6)
-    q = _Queues(front.program, OWNERS * SAMPLES, front._slots)
+    q = Queues(front.program, OWNERS * SAMPLES, front._slots)
     at = q.vertices[0]
     at.origin.array[:] = rng.uniform(0.05, 0.85, at.origin.array.shape)
     at.direction.array[:] = units(rng, len(at.path.array))
@@ -256,7 +257,7 @@ def test_start_at_receivers_and_average(rng, group):
     fragments = pack_fragments(lightmap_of(scene, groups).fragments)
     front = Wavefront(pack_scene(scene, 0), ChosenRays(), ReceiverStart(fragments), 0)
     front.last_vertex, front._has_area_light, front._slots = 0, False, front._delta
-    q = _Queues(front.program, OWNERS * SAMPLES, 1)
+    q = Queues(front.program, OWNERS * SAMPLES, 1)
     q.collected.array[:] = 5
     front._wave(q, 0, OWNERS, SAMPLES, SEED)
     at = q.vertices[0]

@@ -123,3 +123,10 @@ def triangle_planes(corners: Floats) -> Floats:
     normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
     distance = np.einsum("tx,tx->t", normal, c.mean(axis=1))
     return np.concatenate([normal, distance[:, None]], axis=1).astype(np.float32)
+
+
+def with_angles(points: Floats) -> Floats:
+    """(n, 8) float32 of points (n, 4): u0, cos and sin of 2 pi u1, u2, u3, padding."""
+    angle = 2.0 * np.pi * points[:, 1].astype(np.float64)
+    columns = points[:, 0], np.cos(angle), np.sin(angle), points[:, 2], points[:, 3]
+    return np.pad(np.stack(columns, axis=1).astype(np.float32), ((0, 0), (0, 3)))

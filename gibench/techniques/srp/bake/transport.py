@@ -8,7 +8,6 @@ visibility tables settle (kernel), rays for the pairs they leave open (Embree), 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -18,7 +17,6 @@ import numpy.typing as npt
 from gibench.arrays import Floats, Ints
 from gibench.device import (
     Argument,
-    Buffer,
     Define,
     Device,
     Launch,
@@ -33,7 +31,13 @@ from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.srp.bake.data import ProbeSet, sh_count
-from gibench.techniques.srp.bake.sampling import fragment_shares, primary_points, triangle_planes
+from gibench.techniques.srp.bake.sampling import (
+    fragment_shares,
+    primary_points,
+    triangle_planes,
+    with_angles,
+)
+from gibench.techniques.srp.bake.scratch import Clock, Scratch
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.visibility import UNDECIDED, VisibilityTables, no_tables
 from gibench.techniques.srp.bake.weights import Nearby, nearby
@@ -64,21 +68,6 @@ class PrimaryRays(NamedTuple):
 
     origins: Floats
     directions: Floats
-
-
-@dataclass
-class Clock:
-    """Seconds spent and rays traced in each part of the work."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)
-
-    def add(self, part: str, since: float, count: int = 0) -> float:
-        """Book the time ``since`` to ``part``; returns now."""
-        now = perf_counter()
-        self.seconds[part] = self.seconds.get(part, 0.0) + now - since
-        self.counts[part] = self.counts.get(part, 0) + count
-        return now
 
 
 class TransportBaker:
@@ -138,8 +127,8 @@ class TransportBaker:
         receivers, fragments = lightmap.receivers, lightmap.fragments
         planes = triangle_planes(scene.corners)
         arrays: dict[str, npt.NDArray[Any]] = {
-            "points": _with_angles(points),
-            "rotations": _with_angles(rng.random((len(receivers), 4), dtype=np.float32)),
+            "points": with_angles(points),
+            "rotations": with_angles(rng.random((len(receivers), 4), dtype=np.float32)),
             "normals": receivers.normal,
             "fragment_start": fragments.start.astype(np.int32),
             "fragment_share": fragment_shares(fragments),
@@ -168,7 +157,7 @@ class TransportWorker:
         self.baker = baker
         self.clock = Clock()
         self.device = baker.device.beside()
-        self._scratch: dict[str, Buffer] = {}
+        self._scratch = Scratch(self.device)
 
     def rows(self, receivers: Ints) -> TransportRows:
         """The transport rows of ``receivers`` (m,)."""
@@ -178,7 +167,7 @@ class TransportWorker:
         matrix = np.zeros((len(receivers), len(used), c), np.float32)
         valid = np.zeros(len(receivers), np.int32)
         for chunk in self._chunks(pairs):
-            part = _pairs_of(pairs, chunk)
+            part = pairs.part(chunk)
             if len(part.probe):
                 transport, valid[chunk] = self._chunk(receivers[chunk], part)
                 column = np.searchsorted(used, part.probe)
@@ -215,26 +204,6 @@ class TransportWorker:
             yield slice(begin, end)
             begin = end
 
-    def _buffer(self, name: str, nbytes: int) -> Buffer:
-        """Scratch of at least ``nbytes``, kept until more is asked for."""
-        held = self._scratch.get(name)
-        if held is None or held.nbytes < nbytes:
-            if held is not None:
-                self.device.release(held)
-            held = self.device.empty(name, max(nbytes, 16), np.uint8)
-            self._scratch[name] = held
-        return held
-
-    def _send(self, name: str, array: npt.NDArray[Any]) -> Buffer:
-        buffer = self._buffer(name, array.nbytes)
-        self.device.write_bytes(buffer, array)
-        return buffer
-
-    def _fetch(self, buffer: Buffer, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Any:
-        out = np.empty(shape, dtype)
-        self.device.read_into(buffer, out)
-        return out
-
     def _run(self, kernel: str, groups: int | tuple[int, int], *args: Argument) -> None:
         """Enqueue a kernel in groups of one work-item."""
         stride = integer("stride", self.baker.stride)
@@ -254,14 +223,14 @@ class TransportWorker:
             integer("samples", baker.settings.transport_rays),
             scalar("offset", np.float32(baker.offset)),
             *self._shared("points", "rotations"),
-            reads("receivers", self._send("receivers", receivers.astype(np.int32))),
+            reads("receivers", self._scratch.send("receivers", receivers.astype(np.int32))),
             *self._shared("normals", "fragment_start", "fragment_share", "fragment_corners"),
             *self._shared("fragment_triangle", "planes"),
-            writes("origins", self._buffer("origins", nbytes)),
-            writes("directions", self._buffer("directions", nbytes)),
+            writes("origins", self._scratch.room("origins", nbytes)),
+            writes("directions", self._scratch.room("directions", nbytes)),
         )
-        origins = self._fetch(self._scratch["origins"], shape, np.float32)
-        return origins, self._fetch(self._scratch["directions"], shape, np.float32)
+        origins = self._scratch.fetch(self._scratch["origins"], shape, np.float32)
+        return origins, self._scratch.fetch(self._scratch["directions"], shape, np.float32)
 
     def _chunk(self, receivers: Ints, pairs: Nearby) -> tuple[Floats, Ints]:
         """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
@@ -274,9 +243,9 @@ class TransportWorker:
         scratch = self._scratch
         start, probe, weight = (scratch[f"pair_{name}"] for name in ("start", "probe", "weight"))
         hits, visible = scratch["hits"], scratch["visible"]
-        inverse = self._buffer("inverse", 4 * count * stride)
-        valid = self._buffer("valid", 4 * count)
-        transport = self._buffer("transport", 4 * len(pairs.probe) * baker.coefficients)
+        inverse = self._scratch.room("inverse", 4 * count * stride)
+        valid = self._scratch.room("valid", 4 * count)
+        transport = self._scratch.room("transport", 4 * len(pairs.probe) * baker.coefficients)
         self._run(
             "transport_weights",
             count,
@@ -289,7 +258,7 @@ class TransportWorker:
         self._run(
             "transport_accumulate",
             len(pairs.probe),
-            reads("pair_receiver", self._send("pair_receiver", pairs.receiver)),
+            reads("pair_receiver", self._scratch.send("pair_receiver", pairs.receiver)),
             reads("pair_probe", probe),
             reads("pair_weight", weight),
             *self._shared("probes"),
@@ -300,7 +269,10 @@ class TransportWorker:
             writes("transport", transport),
         )
         shape = (len(pairs.probe), baker.coefficients)
-        out = self._fetch(transport, shape, np.float32), self._fetch(valid, (count,), np.int32)
+        out = (
+            self._scratch.fetch(transport, shape, np.float32),
+            self._scratch.fetch(valid, (count,), np.int32),
+        )
         self.clock.add("accumulate", now, states.size)
         return out
 
@@ -314,21 +286,21 @@ class TransportWorker:
         found = baker.tracer.closest(origins.reshape(-1, 3), directions.reshape(-1, 3))
         now = clock.add("primary rays", now, rays)
 
-        start = self._send("pair_start", pairs.start)
-        probe = self._send("pair_probe", pairs.probe)
-        self._send("pair_weight", pairs.weight)
-        hits = self._buffer("hits", 16 * rays)
-        visible = self._buffer("visible", len(pairs.probe) * stride)
+        start = self._scratch.send("pair_start", pairs.start)
+        probe = self._scratch.send("pair_probe", pairs.probe)
+        self._scratch.send("pair_weight", pairs.weight)
+        hits = self._scratch.room("hits", 16 * rays)
+        visible = self._scratch.room("visible", len(pairs.probe) * stride)
         lightmap = baker.lightmap
         self._run(
             "transport_decide",
             (-(-stride // BLOCK), count),
             reads("origins", self._scratch["origins"]),
             reads("directions", self._scratch["directions"]),
-            reads("hit_triangle", self._send("hit_triangle", found.triangle)),
-            reads("hit_distance", self._send("hit_distance", found.distance)),
-            reads("hit_u", self._send("hit_u", found.u)),
-            reads("hit_v", self._send("hit_v", found.v)),
+            reads("hit_triangle", self._scratch.send("hit_triangle", found.triangle)),
+            reads("hit_distance", self._scratch.send("hit_distance", found.distance)),
+            reads("hit_u", self._scratch.send("hit_u", found.u)),
+            reads("hit_v", self._scratch.send("hit_v", found.v)),
             *self._shared("planes", "triangle_uvs"),
             integer("width", lightmap.width),
             integer("height", lightmap.height),
@@ -341,7 +313,7 @@ class TransportWorker:
             writes("hits", hits),
             writes("visible", visible),
         )
-        states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
+        states = self._scratch.fetch(visible, (len(pairs.probe), stride), np.uint8)
         now = clock.add("decide", now, states.size)
         traced = self._resolve(states, pairs, found.triangle)
         now = clock.add("visibility rays", now, traced)
@@ -360,21 +332,21 @@ class TransportWorker:
         sees = np.ones(len(pairs.probe), np.uint8)
         if baker.settings.interpolation == "visibility":
             sees[:] = self._sees(receivers, pairs)
-        start = self._send("pair_start", pairs.start)
-        self._send("pair_probe", pairs.probe)
-        self._send("pair_weight", pairs.weight)
-        hits = self._buffer("hits", 16 * count * stride)
-        visible = self._buffer("visible", len(pairs.probe) * stride)
+        start = self._scratch.send("pair_start", pairs.start)
+        self._scratch.send("pair_probe", pairs.probe)
+        self._scratch.send("pair_weight", pairs.weight)
+        hits = self._scratch.room("hits", 16 * count * stride)
+        visible = self._scratch.room("visible", len(pairs.probe) * stride)
         self._run(
             "transport_plain",
             (-(-stride // BLOCK), count),
             reads("directions", self._scratch["directions"]),
             reads("pair_start", start),
-            reads("pair_sees", self._send("pair_sees", sees)),
+            reads("pair_sees", self._scratch.send("pair_sees", sees)),
             writes("hits", hits),
             writes("visible", visible),
         )
-        states = self._fetch(visible, (len(pairs.probe), stride), np.uint8)
+        states = self._scratch.fetch(visible, (len(pairs.probe), stride), np.uint8)
         self.clock.add("decide", now, states.size)
         return np.asarray(states)
 
@@ -400,7 +372,7 @@ class TransportWorker:
         receiver = pairs.receiver[pair].astype(np.int64)
         ray = undecided + (receiver - pair) * stride
         shape = (len(pairs.start) - 1) * 4 * stride
-        hits = self._fetch(self._scratch["hits"], (shape,), np.float32)
+        hits = self._scratch.fetch(self._scratch["hits"], (shape,), np.float32)
         place = ray + 3 * stride * receiver  # of x in [R][4][S]; y, z and h follow by strides
         is_hit = hits.take(place + 3 * stride)
         struck = triangle.take(ray)
@@ -413,20 +385,3 @@ class TransportWorker:
         blocked = baker.tracer.occluded(origins, directions, limit)
         flat[undecided] = ~blocked
         return len(undecided)
-
-
-def _with_angles(points: Floats) -> Floats:
-    """(n, 8) float32 of points (n, 4): u0, cos and sin of 2 pi u1, u2, u3, padding."""
-    angle = 2.0 * np.pi * points[:, 1].astype(np.float64)
-    columns = points[:, 0], np.cos(angle), np.sin(angle), points[:, 2], points[:, 3]
-    return np.pad(np.stack(columns, axis=1).astype(np.float32), ((0, 0), (0, 3)))
-
-
-def _pairs_of(pairs: Nearby, chunk: slice) -> Nearby:
-    begin, end = pairs.start[chunk.start], pairs.start[chunk.stop]
-    return Nearby(
-        pairs.start[chunk.start : chunk.stop + 1] - begin,
-        pairs.receiver[begin:end] - np.int32(chunk.start),
-        pairs.probe[begin:end],
-        pairs.weight[begin:end],
-    )

@@ -26,6 +26,16 @@ class Nearby(NamedTuple):
     probe: Ints
     weight: Floats
 
+    def part(self, receivers: slice) -> Nearby:
+        """Those of some of the receivers, one after another."""
+        begin, end = self.start[receivers.start], self.start[receivers.stop]
+        return Nearby(
+            self.start[receivers.start : receivers.stop + 1] - begin,
+            self.receiver[begin:end] - np.int32(receivers.start),
+            self.probe[begin:end],
+            self.weight[begin:end],
+        )
+
 
 def spatial_weight(t: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     """w(t) = 2 t^3 - 3 t^2 + 1 within the unit interval, else 0 (Bennett 2019, eq. 4.4)."""
