@@ -10,7 +10,7 @@ if ! command -v oclgrind > /dev/null && command -v apt-get > /dev/null && [ "$(i
 fi
 
 [ -x .venv/bin/python ] || python3 -m venv .venv
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,truth,browser,project]'
+.venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,truth,browser,project,history]'
 PATH="$PWD/.venv/bin:$PATH"
 
 ruff check .

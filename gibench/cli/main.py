@@ -20,6 +20,7 @@ from gibench.cli import (
     devices,
     experiment,
     explain,
+    history,
     profiles,
     quality,
     report,
@@ -72,6 +73,7 @@ for command in (
     summary = text.partition("\n")[0]  # given, so that the list of commands does not cut it short
     app.command(command.__name__, cls=Sectioned, help=text, short_help=summary)(command)
 app.add_typer(profiles.app, name="profiles", short_help=profiles.SUMMARY)
+app.add_typer(history.app, name="history", short_help=history.SUMMARY)
 
 
 def _version(asked: bool) -> None:

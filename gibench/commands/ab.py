@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import tempfile
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from gibench.commands import asked
 from gibench.device.device import list_devices
@@ -16,6 +18,7 @@ from gibench.measure.compare.lockstep import SideFailed
 from gibench.measure.compare.paired import alarmed, undecided
 from gibench.measure.compare.replicate import Place
 from gibench.measure.plan.stopping import Patience
+from gibench.measure.machine.environment import device_record, environment, versions
 from gibench.progress import progress
 from gibench.report.comparison import Comparison, Row
 
@@ -50,9 +53,10 @@ def ab(
         GibenchError: the new tree does not run.
     """
     (job,) = asked.jobs_of(locals())
+    started = datetime.now(UTC)
     limit = asked.percentage(threshold)
     cache = asked.cache_folder(cache_dir)
-    list_devices()
+    device = list_devices()[0]
     checks.bake_once(job, cache)
     how = AbOptions(
         limit,
@@ -91,11 +95,23 @@ def ab(
             "seconds": round(result.seconds, 1),
             "warmup": result.warmup,
             "rest": result.rest,
+            "measured": _measured(device, started),
             "log_ratios": result.log_ratios,
             "output_difference": result.output_difference,
         },
         error=failed if slower else None,
     )
+
+
+def _measured(device: Any, started: datetime) -> dict[str, Any]:
+    """When and on what, for 'gibench history'."""
+    record = device_record(device)
+    return {
+        "started_utc": started.strftime("%Y-%m-%d %H:%M:%S"),
+        "environment": environment(),
+        "versions": versions(),
+        "device": f"{record['platform']} {record['driver']} on {record['name']}",
+    }
 
 
 def _rows(result: AbResult) -> list[Row]:
