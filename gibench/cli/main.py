@@ -26,6 +26,7 @@ from gibench.cli import (
     report,
     run,
     scenes,
+    share,
     techniques,
 )
 from gibench.cli.layout import Sectioned
@@ -65,6 +66,8 @@ for command in (
     ab.ab,
     compare.compare,
     report.report,
+    share.submit,
+    share.gallery,
     scenes.scenes,
     techniques.techniques,
     devices.devices,

@@ -1,1 +1,1 @@
-"""A history of runs on one or several machines: kept in DuckDB or Parquet, searched for steps."""
+"""A history of runs: kept in DuckDB or Parquet, searched for steps, shared in single files."""

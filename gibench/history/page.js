@@ -1,34 +1,4 @@
-"use strict";
-const $ = (selector, from = document) => from.querySelector(selector);
-const SVG = ["svg", "g", "rect", "line", "text", "circle", "path", "a"];
-
-function element(name, attributes = {}, ...children) {
-  const made = attributes.html || !SVG.includes(name) ? document.createElement(name)
-    : document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) if (key !== "html") made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
-
-const figure = value => value === 0 ? "0" : Math.abs(value) >= 1000 ? value.toFixed(0) : +value.toPrecision(4) + "";
 const short = revision => revision.replace(/^([0-9a-f]{12})[0-9a-f]+/, "$1");
-
-function tip(made, text) {
-  const show = () => { $("#tip").textContent = text; $("#tip").hidden = false; };
-  const hide = () => { $("#tip").hidden = true; };
-  for (const event of ["mouseenter", "focus"]) made.addEventListener(event, show);
-  for (const event of ["mouseleave", "blur"]) made.addEventListener(event, hide);
-  made.setAttribute("aria-label", text);
-  return made;
-}
-
-function table(place, columns, rows) {
-  const head = element("tr", {}, ...columns.map(name => element("th", { scope: "col" },
-    element("button", { type: "button" }, name))));
-  const body = element("tbody", {}, ...rows.map(row => element("tr", {}, ...row.map(cell =>
-    element("td", typeof cell === "number" ? { class: "n" } : {}, typeof cell === "number" ? figure(cell) : cell)))));
-  place.append(element("table", {}, element("thead", {}, head), body));
-}
 
 function plot(series) {
   const width = 1100, height = 150, left = 62, right = 12, top = 8, bottom = 20;
@@ -62,7 +32,7 @@ function plot(series) {
     const run = DATA.runs[series.runs[i]];
     const dot = tip(element("circle", { class: "point", cx: x(i), cy: y(v), r: 2.6 }),
       `${figure(v)} ${series.unit}; ${run.when} UTC; ${short(run.revision)}`);
-    svg.append(run.link ? element("a", { href: encodeURI(run.link) }, dot) : dot);
+    svg.append(run.link ? svgLink(encodeURI(run.link), dot) : dot);
   });
   return element("div", { class: "series" }, element("h3", {}, series.name),
     element("p", {}, `${series.machine}; ${n} runs, ${series.unit}`), svg);

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from gibench.history.series import Series
+from gibench.history.template import filled
 from gibench.measure.statistics.steps import Step
 
 
@@ -23,14 +23,7 @@ def page(series: Sequence[Series], steps: Sequence[Sequence[Step]], beside: Path
         "runs": runs,
         "series": [_series(one, of, numbers) for one, of in zip(series, steps, strict=True)],
     }
-    text = json.dumps(data, ensure_ascii=False, allow_nan=False)
-    folder = files("gibench.history")
-    whole = folder.joinpath("page.html").read_text(encoding="utf-8")
-    style = files("gibench.report").joinpath("page.css").read_text(encoding="utf-8")
-    script = folder.joinpath("page.js").read_text(encoding="utf-8")
-    whole = whole.replace("/*STYLE*/", style).replace("/*SCRIPT*/", script)
-    # '</' inside a script element would end it.
-    return whole.replace("/*DATA*/null", text.replace("</", "<\\/"))
+    return filled("page", data)
 
 
 def _runs(series: Sequence[Series], beside: Path) -> list[dict[str, Any]]:

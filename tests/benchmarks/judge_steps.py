@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ def fixed_threshold(logs: np.ndarray) -> list[int]:
     return [i for i in range(10, len(logs)) if over[i] and not over[i - 1]]
 
 
-def otava(logs: np.ndarray) -> list[int]:
+def apache_otava(logs: np.ndarray) -> list[int]:
     from otava.analysis import compute_change_points
 
     found, _ = compute_change_points(list(np.exp(logs)), max_pvalue=0.001, min_magnitude=0.05)
@@ -51,11 +52,9 @@ def methods() -> dict[str, Finder]:
         "pytest-benchmark's": run_before,
         "fixed threshold": fixed_threshold,
     }
-    try:
-        import otava.analysis
-    except ImportError:
+    if find_spec("otava") is None:
         return found
-    return found | {"otava": otava}
+    return found | {"Apache Otava": apache_otava}
 
 
 def false_alarms(series: list[np.ndarray], find: Finder, every: int) -> float:

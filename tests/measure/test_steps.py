@@ -38,8 +38,9 @@ def test_two_steps_are_two(rng: np.random.Generator) -> None:
 
 
 def test_noise_alone_is_no_step(rng: np.random.Generator) -> None:
+    """One series in fifty at most: of a hundred, more than 8 are then a chance of 1 in 4000."""
     found = [find_steps(noisy(rng, 60, 0.05), 0.05) for _ in range(100)]
-    assert sum(map(len, found)) <= 1
+    assert sum(map(bool, found)) <= 8
 
 
 def test_outliers_are_no_step(rng: np.random.Generator) -> None:
