@@ -17,8 +17,8 @@ from gibench.measure.compare.kernel_trees import kernel_tree
 from gibench.measure.compare.lockstep import SideFailed
 from gibench.measure.compare.paired import alarmed, undecided
 from gibench.measure.compare.replicate import Place
-from gibench.measure.plan.stopping import Patience
 from gibench.measure.machine.environment import device_record, environment, versions
+from gibench.measure.plan.stopping import Patience
 from gibench.progress import progress
 from gibench.report.comparison import Comparison, Row
 

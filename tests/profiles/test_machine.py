@@ -18,7 +18,7 @@ from gibench.profiles import (
 )
 
 VEGA = built_in_profiles()["vega56"]
-L1 = 'l1_bytes = { value = 16384, source = "AMD, Graphics Cores Next white paper 2012: 16 KB" }'
+L1 = 'l1_bytes = { value = 16384, source = "AMD, Graphics Cores Next whitepaper 2012: 16 KB" }'
 
 
 @pytest.mark.parametrize("name", sorted(built_in_profiles()))
