@@ -48,6 +48,10 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
         {"grid": "perspective", "ray_guiding": True},
         {"depth_moments": False, "grid_cells": 14},
     ],
+    "surfel-cache": [
+        {"projection": "runtime", "sh_bands": 2},
+        {"projection": "runtime", "sh_bands": 4, "exponent": 20.0},
+    ],
 }
 
 BAKES = [

@@ -67,6 +67,9 @@ SMALL = {
     "ray_budget": 400,
     "grid_cells": 6,
     "placement_chance": 1.0,
+    "links": 8,
+    "caches": 40,
+    "relaxation": 1,
 }
 PROFILE = replace(load_profile("iphone7"), simd_width=1)
 MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))

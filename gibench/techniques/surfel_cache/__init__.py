@@ -1,0 +1,76 @@
+"""Precomputed surfel caches (Jendersie, Kuri and Grosch 2016)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gibench.bake.stage import Stage
+from gibench.device import BufferSpec
+from gibench.errors import BadInput
+from gibench.scene.model import Scene
+from gibench.techniques.job import Known
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
+from gibench.techniques.surfel_cache.bake.stages import Given, surfel_cache_stages, volume_of
+from gibench.techniques.surfel_cache.pack import Sizes
+from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
+from gibench.techniques.surfel_cache.technique import SurfelCache
+
+__all__ = ["SPEC", "SurfelCache", "SurfelCacheSettings"]
+
+
+def _stages(context: BakeContext) -> Sequence[Stage]:
+    return surfel_cache_stages(Given(context.scene, context.lightmap, context.settings))
+
+
+def _check(scene: Scene, settings: SurfelCacheSettings) -> None:
+    objects = len(np.unique(scene.object_ids))
+    if settings.surfels < objects:
+        raise BadInput(
+            f"{settings.surfels} surfels for the {objects} objects of the scene '{scene.name}'",
+            mend=f"give {objects} or more",
+        )
+
+
+def _buffers(known: Known) -> list[BufferSpec]:
+    """Scene, surfels, hierarchy, links and caches, of which only the bake tells how many."""
+    job, tuned = known.job, known.job.variant == TUNED
+    settings: SurfelCacheSettings = job.settings
+    if known.lightmap is None:
+        cells = volume_of(known.scene, settings).probes
+        sizes = Sizes.least(settings, known.scene, cells, tuned)
+    else:
+        sizes = Sizes.of(known.baked, settings, tuned, known.vector_width)
+    return [
+        *FrameScene.declared(known),
+        *sizes.buffers(),
+        HitBuffer.spec(job.shot.width, job.shot.height),
+    ]
+
+
+def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
+    return {"links": (32, 128), "sh_bands": (2, 3)}
+
+
+SPEC = TechniqueSpec(
+    name="surfel-cache",
+    title="Precomputed surfel caches",
+    variants=(PUBLISHED, TUNED),
+    settings_type=SurfelCacheSettings,
+    stages=_stages,
+    create=SurfelCache,
+    buffers=_buffers,
+    follows=frozenset({Follows.DIRECT_LIGHT}),
+    sweep=_sweep,
+    check=_check,
+    counts={"caches": "caches"},
+    memory_options=(
+        "--set surfel-cache.links",
+        "--set surfel-cache.caches",
+        "--set surfel-cache.surfels",
+        "--resolution",
+    ),
+)

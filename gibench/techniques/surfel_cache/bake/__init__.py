@@ -1,0 +1,1 @@
+"""What is computed ahead of frames: surfels, their hierarchy, caches and links."""

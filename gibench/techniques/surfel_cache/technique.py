@@ -1,0 +1,150 @@
+"""Surfel caches, frame by frame (Jendersie et al. 2016)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from gibench.arrays import Floats
+from gibench.device import Device
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Camera, Scene
+from gibench.techniques.job import Job, World
+from gibench.techniques.parts.camera_pass import suits_packets
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.registry import TUNED
+from gibench.techniques.surfel_cache.bake.data import SurfelBake
+from gibench.techniques.surfel_cache.pack import Sizes, arrays_of, flux_scale
+from gibench.techniques.surfel_cache.passes import FramePasses
+from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
+from gibench.techniques.technique import FloatArray, Pass
+
+
+class SurfelCache:
+    """Surfel caches on a device.
+
+    Args:
+        device: where it runs.
+        job: what is asked.
+        world: what is seen.
+
+    Raises:
+        CannotRun: it does not fit the device's profile.
+    """
+
+    name: ClassVar[str] = "surfel-cache"
+
+    def __init__(self, device: Device, job: Job, world: World) -> None:
+        settings: SurfelCacheSettings = job.settings
+        bake: SurfelBake = world.baked
+        tuned = job.variant == TUNED
+        self.device, self.bake = device, bake
+        self._job, self._world = job, world
+        self.scene = FrameScene.of(device, job.shot, world)
+        self.sizes = Sizes.of(bake, settings, tuned, device.vector_width)
+        held = device.allocate(
+            self.sizes.buffers(), arrays_of(bake, world.scene, self.sizes, world.motion)
+        )
+        surfels = bake.surfels
+        scale = flux_scale(world.scene, len(surfels), surfels.area, bake.albedo, bake.emission)
+        self.frame = FramePasses(
+            scene=self.scene,
+            bake=bake,
+            settings=settings,
+            sizes=self.sizes,
+            held=held,
+            hits=HitBuffer.create(device, job.shot.width, job.shot.height),
+            flux_scale=scale,
+            packets=tuned and suits_packets(device),
+        )
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order."""
+        return self.frame.passes()
+
+    def begin_frame(self, frame: int) -> None:
+        """Move lights, camera and objects."""
+        self.scene.begin_frame(frame)
+
+    def look_from(self, camera: Camera) -> None:
+        """See the scene from ``camera`` wherever there is no flight."""
+        self.scene.look_from(camera)
+
+    def images(self) -> dict[str, FloatArray]:
+        """The frame, its direct and its indirect part, (h, w, 3) W/m2/sr."""
+        return self.frame.application.images(self._job.group_size)
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Indirect irradiance (n, 3) at the receivers, W/m2, in the lightmap's order.
+
+        The receivers are on the device only meanwhile: no frame needs them.
+
+        Raises:
+            CannotRun: they do not fit beside the technique.
+        """
+        receivers, device = self._world.lightmap.receivers, self.device
+        held = []
+        try:
+            for name, array in (
+                ("looked_up_place", self._places()),
+                ("looked_up_position", receivers.position),
+                ("looked_up_normal", receivers.normal),
+                ("looked_up_irradiance", np.zeros((len(receivers), 3), np.float32)),
+            ):
+                held.append(device.upload(name, array))
+            device.enqueue(self.frame.receivers(*held), self._job.group_size)
+            return device.read(held[3])
+        finally:
+            device.release(*held)
+
+    def _places(self) -> Floats:
+        uvs = self.device.read(self.frame.held["cache_uvs"]).reshape(-1, 3, 2)
+        return map_places(self._world.scene, self._world.lightmap, uvs)
+
+    def counts(self) -> dict[str, int]:
+        """Surfels, caches that are lit, and receivers it is compared on."""
+        caches = self.bake.caches
+        return {
+            "surfels": len(self.bake.surfels),
+            "caches": caches.on_map + caches.in_grid,
+            "receivers": len(self._world.lightmap.receivers),
+        }
+
+    def notes(self) -> list[str]:
+        """Where the caches are, how deep the hierarchy is, and what it took to link them."""
+        caches, rays = self.bake.caches, self.bake.links.rays
+        pairs = len(self.bake.surfels) * (caches.on_map + caches.in_grid)
+        return [
+            f"{caches.on_map:,} caches on the map and {caches.in_grid:,} in a grid of "
+            f"{'x'.join(str(n) for n in caches.volume.counts)}; {caches.left_out:,} inside "
+            "geometry are left out",
+            f"a hierarchy of {len(self.bake.hierarchy.level) - 1} levels over "
+            f"{len(self.bake.surfels):,} surfels of {self.bake.surfels.area * 1e4:.3g} cm2",
+            f"{rays:,} rays for links, {rays / pairs:.3f} for every pair of a cache and a surfel",
+        ]
+
+
+def map_places(scene: Scene, lightmap: Lightmap, uvs: Floats) -> Floats:
+    """Where receivers lie in a map of ``uvs`` (t, 3, 2), (n, 2) texels: by the largest piece of
+    surface that each covers; negative where that has no place.
+    """
+    fragments, receivers = lightmap.fragments, lightmap.receivers
+    owner = np.repeat(np.arange(len(receivers)), np.diff(fragments.start))
+    order = np.lexsort((fragments.area, owner))
+    last = fragments.start[1:] - 1
+    triangle = fragments.triangle[order[last]]
+    a, b, c = (scene.corners[triangle, k].astype(np.float64) for k in range(3))
+    e, f, p = b - a, c - a, receivers.position.astype(np.float64) - a
+    ee, ef, ff = ((x * y).sum(axis=1) for x, y in ((e, e), (e, f), (f, f)))
+    pe, pf = (p * e).sum(axis=1), (p * f).sum(axis=1)
+    det = np.maximum(ee * ff - ef * ef, 1e-30)
+    u, v = (pe * ff - pf * ef) / det, (pf * ee - pe * ef) / det
+    weights = np.clip(np.stack([1 - u - v, u, v], axis=1), 0, 1)
+    weights /= weights.sum(axis=1, keepdims=True)
+    corners = uvs[triangle].astype(np.float64)
+    at = np.einsum("ij,ijk->ik", weights, corners)
+    at[corners[:, 0, 0] < 0] = -1.0
+    return np.asarray(at, np.float32)
