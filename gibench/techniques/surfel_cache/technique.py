@@ -132,12 +132,13 @@ def map_places(scene: Scene, lightmap: Lightmap, uvs: Floats) -> Floats:
     surface that each covers; negative where that has no place.
     """
     fragments, receivers = lightmap.fragments, lightmap.receivers
+    places = np.full((len(receivers), 2), -1.0, np.float32)
+    has = np.flatnonzero(np.diff(fragments.start))
     owner = np.repeat(np.arange(len(receivers)), np.diff(fragments.start))
     order = np.lexsort((fragments.area, owner))
-    last = fragments.start[1:] - 1
-    triangle = fragments.triangle[order[last]]
+    triangle = fragments.triangle[order[fragments.start[has + 1] - 1]]
     a, b, c = (scene.corners[triangle, k].astype(np.float64) for k in range(3))
-    e, f, p = b - a, c - a, receivers.position.astype(np.float64) - a
+    e, f, p = b - a, c - a, receivers.position[has].astype(np.float64) - a
     ee, ef, ff = ((x * y).sum(axis=1) for x, y in ((e, e), (e, f), (f, f)))
     pe, pf = (p * e).sum(axis=1), (p * f).sum(axis=1)
     det = np.maximum(ee * ff - ef * ef, 1e-30)
@@ -147,4 +148,5 @@ def map_places(scene: Scene, lightmap: Lightmap, uvs: Floats) -> Floats:
     corners = uvs[triangle].astype(np.float64)
     at = np.einsum("ij,ijk->ik", weights, corners)
     at[corners[:, 0, 0] < 0] = -1.0
-    return np.asarray(at, np.float32)
+    places[has] = at
+    return places

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gibench.scene.motion.poses import Turn
 from support.shading_oracle import direct_irradiance, light_gain, pixel_directions
 from support.surfel_oracle import (
     SMALL,
@@ -22,11 +23,15 @@ from support.surfel_oracle import (
     spread,
     write,
 )
+from support.surfel_scenes import looking
 from support.synthetic_bake import random_lightmap, random_scene
+from support.tiny_scenes import room
 
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.surfel_cache.pack import node_sums, packed_directions
 from gibench.techniques.surfel_cache.shared_exponent import LEAST_STEP, MOST, decode, encode
+from gibench.techniques.surfel_cache.technique import map_places
 
 SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
 
@@ -261,15 +266,27 @@ def test_forward_render(rng, soup, variant, exponent):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_receivers_look_up_where_they_lie(rng, soup, size):
-    technique = soup.technique(size=size)
+def test_receivers_look_up_where_they_lie(rng, tmp_path_factory, size):
+    """In a room, where charts are whole: a receiver's place is that of its texel's surface."""
+    scene, lightmap = room()
+    folder = tmp_path_factory.getbasetemp() / "receivers"
+    scene = looking(scene)
+    technique = create(scene, lightmap, SMALL, baked(scene, lightmap, SMALL, folder), size=size)
     random_caches(technique, rng)
     found = technique.indirect_irradiance()
-    receivers = soup.lightmap.receivers
-    place = technique._places()
-    assert (place[:, 0] >= 0).any()
+    receivers = lightmap.receivers
+    uvs = read(technique, "cache_uvs").reshape(-1, 3, 2)
+    place = map_places(scene, lightmap, uvs).astype(float)
+    assert (place[:, 0] >= 0).mean() > 0.9
+    corners, rows = scene.corners.astype(float), lightmap.fragments.triangle[::2]
+    # Back from the map to the surface, by the two triangles' linear maps.
+    for i in rng.choice(len(receivers), 20):
+        uv, xyz = uvs[rows[i]].astype(float), corners[rows[i]]
+        weights = np.linalg.lstsq(np.c_[uv, np.ones(3)].T, np.r_[place[i], 1.0], rcond=None)[0]
+        if np.linalg.norm(np.cross(uv[1] - uv[0], uv[2] - uv[0])) > 0.5:
+            np.testing.assert_allclose(weights @ xyz, receivers.position[i], atol=0.02)
     terms = lobe(technique, receivers.normal)
-    light, sure = gathered(technique, place.astype(float), receivers.position, terms)
+    light, sure = gathered(technique, place, receivers.position, terms)
     expected = np.pi * light[sure]
     assert sure.mean() > 0.9
     np.testing.assert_allclose(found[sure], expected, rtol=2e-3, atol=1e-3 * expected.max())
@@ -290,9 +307,6 @@ def test_variants_agree_within_rounding(soup):
 
 
 def test_what_moves_is_lit_by_the_grid(rng, soup):
-    from gibench.scene.motion.moving_objects import MovingObjects
-    from gibench.scene.motion.poses import Turn
-
     scene = replace(soup.scene, object_names=("all",))
     motion = MovingObjects.of(scene, [Turn("all", (0.0, 1.0, 0.0))])
     soup.technique()
