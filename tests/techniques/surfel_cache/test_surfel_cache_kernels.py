@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gibench.scene.motion.poses import Turn
 from support.shading_oracle import direct_irradiance, light_gain, pixel_directions
 from support.surfel_oracle import (
     SMALL,
@@ -29,6 +28,7 @@ from support.tiny_scenes import room
 
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.scene.motion.moving_objects import MovingObjects
+from gibench.scene.poses import Turn
 from gibench.techniques.surfel_cache.pack import node_sums, packed_directions
 from gibench.techniques.surfel_cache.shared_exponent import LEAST_STEP, MOST, decode, encode
 from gibench.techniques.surfel_cache.technique import map_places
