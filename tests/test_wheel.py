@@ -60,7 +60,8 @@ def test_whatever_is_imported_is_required() -> None:
     required = {
         re.split(r"[\s;<>=\[]", one)[0].lower().replace("-", "_")
         for one in requires("gibench") or []
-        if "extra ==" not in one or re.search(r"extra == ['\"](exr|truth|project|history)['\"]", one)
+        if "extra ==" not in one
+        or re.search(r"extra == ['\"](exr|truth|project|history)['\"]", one)
     }
     imported = {
         name.partition(".")[0]
