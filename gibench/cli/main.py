@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import sys
@@ -132,11 +133,23 @@ def call(arguments: list[str], *, debug: bool = False) -> int:
     except GibenchError as error:
         return _tell(error, debug)
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return _tell(_full(error), debug, cause=error)
         if hasattr(error, "format_message"):  # a usage error of typer's
             return _tell(GibenchError(_usage(error)), debug, code=2)
         what = f"unexpected {type(error).__name__}: {error}"
         mend = "please report this with the traceback that 'gibench --debug ...' shows"
         return _tell(GibenchError(what, mend=mend), debug, cause=error)
+
+
+def _full(error: OSError) -> GibenchError:
+    """A disk that is full; standard output is let go if it cannot be written."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    what = f"cannot be written ({error.strerror})"
+    return GibenchError(what, where=error.filename or "the output", mend="free some space")
 
 
 def _tell(

@@ -13,7 +13,9 @@ _LOG = logging.getLogger("gibench")
 
 
 class _Lines(logging.Handler):
-    """Prints ``gibench: warning: ...``; a line that was printed before is not printed again."""
+    """Prints ``gibench: warning: ...``; a line that was printed before is not printed again. What
+    a library has logged bears its name.
+    """
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -22,6 +24,8 @@ class _Lines(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Print the record unless it was printed before."""
         line = " ".join(record.getMessage().split())
+        if record.name.partition(".")[0] != _LOG.name:
+            line = f"{line} (told by {record.name.partition('.')[0]})"
         if line not in self._said:
             self._said.add(line)
             print(f"gibench: warning: {line}", file=sys.stderr)
@@ -34,19 +38,19 @@ def notices() -> Iterator[None]:
     def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
         _LOG.warning("%s (%s of a library)", message, category.__name__)
 
-    handler, level = _Lines(), _LOG.level
-    _LOG.addHandler(handler)
+    handler, root = _Lines(), logging.getLogger()
+    root.addHandler(handler)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = show
             yield
     finally:
-        _LOG.removeHandler(handler)
-        _LOG.setLevel(level)
+        root.removeHandler(handler)
 
 
 def errors_only(quiet: bool) -> bool:
     """Print no warnings any more if ``quiet``, which is handed back: what ``-q`` does."""
-    if quiet:
-        _LOG.setLevel(logging.ERROR)
+    for handler in logging.getLogger().handlers:
+        if quiet and isinstance(handler, _Lines):
+            handler.setLevel(logging.ERROR)
     return quiet

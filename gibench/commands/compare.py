@@ -15,6 +15,7 @@ from gibench.measure.compare.recorded import (
     Timings,
     compare_recorded,
     differences,
+    other_versions,
 )
 from gibench.measure.compare.timings import read_timings
 from gibench.report.comparison import Comparison, Row
@@ -46,6 +47,10 @@ def compare(
     missing = _missing(first, second)
     slower = [one.key for one in compared if one.judged.verdict == "slower"]
     remarks = _remarks(compared, limit)
+    versions = other_versions(first, second)
+    if versions:
+        pairs = (f"{name} {old} against {later}" for name, (old, later) in versions.items())
+        remarks.append(f"Versions differ: {'; '.join(pairs)}.")
     remarks += [f"No longer runs: {_words(key)}: {reason}." for key, reason in broken.items()]
     return Comparison(
         title=f"gibench compare: {base.name} against {new.name}",
@@ -61,6 +66,7 @@ def compare(
             "slower": [list(key) for key in slower],
             "broken": [list(key) for key in broken],
             "missing": missing,
+            "versions": {name: list(pair) for name, pair in versions.items()},
         },
         error=_verdict(threshold, slower, broken, missing),
     )

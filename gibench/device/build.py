@@ -8,6 +8,8 @@ from typing import Any
 
 import pyopencl as cl
 
+from gibench.device.pocl_cache import check_cache
+
 Define = int | float | str | bool
 
 # No warnings (OpenCL 1.2, section 5.6.4.4): clang counts every 16-wide argument of an inlined
@@ -31,7 +33,10 @@ def build_program(context: Any, source: str, defines: Mapping[str, Define]) -> A
 
     Raises:
         pyopencl.RuntimeError: the compiler refuses it.
+        CannotRun: the compiler's cache is unusable.
     """
+    for cl_device in context.devices:
+        check_cache(cl_device)
     return cl.Program(context, source).build(options=[*_OPTIONS, *macro_options(defines)])
 
 

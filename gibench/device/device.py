@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import os
 from collections.abc import Iterable, Mapping
 from copy import copy
 from functools import cache
@@ -17,10 +19,13 @@ from gibench.device.build import Define, build_program, macro_options, vector_wi
 from gibench.device.launch import Launch, PreparedLaunch, instrumented, set_arguments
 from gibench.device.layout import BufferSpec
 from gibench.device.pocl import name_processor
+from gibench.device.pocl_cache import cache_folder, check_cache, check_folder
 from gibench.device.program import Program, ProgramSpec, find_instrument
 from gibench.device.source import kernel_source
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.profiles import DeviceProfile, unlimited_profile
+
+_LOG = logging.getLogger(__name__)
 
 
 def list_devices() -> list[Any]:
@@ -36,11 +41,12 @@ def list_devices() -> list[Any]:
             "no OpenCL platform was found",
             mend="install one: pip install 'pyopencl[pocl]' brings PoCL, which runs on any CPU",
         ) from error
-    devices = [
-        device
-        for platform in sorted(platforms, key=lambda p: "Portable" not in p.name)
-        for device in platform.get_devices()
-    ]
+    devices = []
+    for platform in sorted(platforms, key=lambda p: "Portable" not in p.name):
+        found = _devices_of(platform)
+        if not found and "Portable" in platform.name:
+            check_folder(cache_folder())  # without which PoCL has no device
+        devices += found
     if not devices:
         raise CannotRun(
             "the OpenCL platforms found offer no device",
@@ -49,6 +55,16 @@ def list_devices() -> list[Any]:
     for device in devices:
         _name_once(device)
     return devices
+
+
+def _devices_of(platform: Any) -> list[Any]:
+    """The platform's devices; of one that cannot load, none, and a warning names it."""
+    try:
+        return list(platform.get_devices())
+    except cl.Error as error:
+        if "DEVICE_NOT_FOUND" not in str(error):
+            _LOG.warning("OpenCL platform '%s' skipped: %s", platform.name.strip(), error)
+        return []
 
 
 @cache
@@ -78,6 +94,7 @@ class Device:
     ) -> None:
         self.profile = profile
         self.cl_device = list_devices()[0] if cl_device is None else cl_device
+        check_cache(self.cl_device)
         self.context = cl.Context([self.cl_device])
         self.queue = cl.CommandQueue(
             self.context, properties=cl.command_queue_properties.PROFILING_ENABLE
@@ -360,17 +377,35 @@ class Device:
 
 
 def select_cl_device(index: int | None) -> Any:
-    """The device number ``index`` of :func:`list_devices` (the first when None).
+    """The device number ``index`` of :func:`list_devices`; for None the one that pyopencl's
+    variable PYOPENCL_CTX names, else the first.
 
     Raises:
-        BadInput: there is no such number.
+        BadInput: there is no such number, or the variable names no device, or several.
     """
     devices = list_devices()
+    asked = os.environ.get("PYOPENCL_CTX")
     if index is None:
-        return devices[0]
+        return devices[0] if asked is None else _by_variable(asked)
     if not 0 <= index < len(devices):
         raise BadInput(
             f"no OpenCL device number {index}",
             mend=f"'gibench devices' lists the {len(devices)} there are, counted from 0",
         )
+    if asked is not None and _by_variable(asked) != devices[index]:
+        _LOG.warning("PYOPENCL_CTX=%s not followed: --device %d is given", asked, index)
     return devices[index]
+
+
+def _by_variable(asked: str) -> Any:
+    """The device that pyopencl takes PYOPENCL_CTX for."""
+    mend = "write PLATFORM:DEVICE, numbers or parts of names, or use --device N"
+    try:
+        chosen = cl.choose_devices(interactive=False, answers=asked.split(":"))
+    except (RuntimeError, LookupError, ValueError, cl.Error) as error:
+        raise BadInput(
+            f"it names no device ({error})", where=f"PYOPENCL_CTX={asked}", mend=mend
+        ) from error
+    if len(chosen) != 1:
+        raise BadInput(f"it names {len(chosen)} devices", where=f"PYOPENCL_CTX={asked}", mend=mend)
+    return chosen[0]

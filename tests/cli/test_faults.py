@@ -6,6 +6,8 @@ import errno
 import json
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pandas as pd
@@ -241,3 +243,44 @@ def test_devices_are_let_go_after_a_fault(run, tmp_path, monkeypatch) -> None:
     assert run("--set", "fake.fault=frame") == 1
     assert len(alive) == 2
     assert all(one() is None for one in alive)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("command", [("profiles",), ("scenes",)])
+def test_standard_output_that_is_full_is_one_line(command: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(
+            [sys.executable, "-m", "gibench", *command],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+        )
+    assert ran.returncode == 1
+    (line,) = ran.stderr.splitlines()
+    assert line.startswith("gibench: the output: cannot be written (No space left")
+
+
+def test_a_run_into_a_full_file_system_says_so(tmp_path: Path) -> None:
+    place = tmp_path / "small"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=20k", "tmpfs", str(place)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("mounting a small file system takes root")
+    options = ["--technique", "direct", "--receivers", "200", "--resolution", "16x8"]
+    more = ["--frames", "3", "--warmup", "0", "--cache-dir", str(tmp_path / "cache"), "-q"]
+    out = ["--out", str(place / "out")]
+    try:
+        ran = subprocess.run(
+            [sys.executable, "-m", "gibench", "run", *options, *more, *out],
+            capture_output=True,
+            text=True,
+            timeout=120,
+        )
+        kept = pd.read_csv(place / "out" / "samples.csv")
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+    assert ran.returncode == 1
+    (line,) = ran.stderr.splitlines()
+    assert "No space left on device" in line
+    assert f"{len(kept)} samples are kept" in line

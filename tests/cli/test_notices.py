@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from support import fake_technique
@@ -13,6 +15,8 @@ from support import fake_technique
 from gibench.cli import main
 from gibench.cli.main import call
 from gibench.report.advice import advice_report
+from gibench.scene import builtin
+from gibench.scene.model import Scene
 
 ROOM = "mtllib none.mtl\nv 0 0 0\nv 2 0 0\nv 2 0 2\nusemtl a\nf 1 3 2\nl 1 2\n"
 
@@ -78,3 +82,30 @@ def test_a_scene_whose_name_is_no_utf_8(tmp_path: Path, capsys: pytest.CaptureFi
     path.unlink()
     assert call(["bake", "-t", "fake", "-s", str(path), *options]) == 2
     assert "b\\xfcro.obj" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("quiet", [(), ("-q",)])
+def test_what_a_library_logs_is_told_in_a_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    quiet: tuple[str, ...],
+) -> None:
+    build = builtin.build
+
+    def logging_build(name: str) -> Scene:
+        for _ in range(2):
+            logging.getLogger("trimesh.visual").warning("odd\n texture")
+            np.float64(1) / np.float64(0)
+        return build(name)
+
+    monkeypatch.setattr(builtin, "build", logging_build)
+    options = ("--receivers", "50", "--cache-dir", str(tmp_path))
+    assert call(["bake", "-t", "fake", "-s", "cornell-box", *options, *quiet]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    if quiet:
+        assert lines == []
+    else:
+        assert lines[0] == "gibench: warning: odd texture (told by trimesh)"
+        assert len(lines) == 2
+        assert lines[1].endswith("(RuntimeWarning of a library)")

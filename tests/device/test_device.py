@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gibench.device import Device, MemoryLedger, kernel_source
-from gibench.device.device import select_cl_device
+from gibench.device.device import list_devices, select_cl_device
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.profiles import load_profile
 
@@ -177,3 +177,36 @@ def test_a_device_is_chosen_by_number() -> None:
     for wrong in (-1, 99):
         with pytest.raises(BadInput, match="gibench devices"):
             select_cl_device(wrong)
+
+
+def test_pyopencls_variable_is_followed_or_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = list_devices()[0]
+    monkeypatch.setenv("PYOPENCL_CTX", "Portable")
+    assert select_cl_device(None) == first
+    for wrong in ("nowhere at all", "99"):
+        monkeypatch.setenv("PYOPENCL_CTX", wrong)
+        with pytest.raises(BadInput, match="PYOPENCL_CTX"):
+            select_cl_device(None)
+    monkeypatch.setenv("PYOPENCL_CTX", "Portable")
+    assert select_cl_device(0) == first
+    assert caplog.text == ""
+    monkeypatch.setattr("gibench.device.device._by_variable", lambda asked: object())
+    assert select_cl_device(0) == first
+    assert "PYOPENCL_CTX=Portable not followed" in caplog.text
+
+
+def test_a_platform_that_cannot_load_is_named_and_skipped(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Broken:
+        name = "Broken Inc."
+
+        def get_devices(self) -> list:
+            raise cl.LogicError("clGetDeviceIDs failed: OUT_OF_HOST_MEMORY")
+
+    sound = cl.get_platforms()
+    monkeypatch.setattr(cl, "get_platforms", lambda: [Broken(), *sound])
+    assert len(list_devices()) == sum(len(platform.get_devices()) for platform in sound)
+    assert "'Broken Inc.' skipped" in caplog.text

@@ -257,3 +257,17 @@ def test_no_false_alarms_on_a_noisy_machine(processes: int, spread: float) -> No
 
 def test_enough_processes_find_a_slowdown() -> None:
     assert alarms(10, 1.25, 0.03) >= 0.95
+
+
+def test_versions_that_differ_are_told(tmp_path: Path, capsys) -> None:
+    old = {"gibench": "0.1.0", "numpy": "2.1.0", "xatlas": None}
+    new = {"gibench": "0.1.0", "numpy": "2.4.6", "embreex": "4.4"}
+    base = runs(tmp_path / "a", 3, versions=old)
+    assert compared(base, runs(tmp_path / "b", 3, versions=new), "--json", tmp_path / "c.json") == 0
+    assert "numpy 2.1.0 against 2.4.6; embreex none against 4.4." in " ".join(
+        capsys.readouterr().out.split()
+    )
+    facts = json.loads((tmp_path / "c.json").read_text())
+    assert facts["versions"] == {"numpy": ["2.1.0", "2.4.6"], "embreex": ["none", "4.4"]}
+    assert compared(base, runs(tmp_path / "d", 3, versions=old)) == 0
+    assert "Versions differ" not in capsys.readouterr().out

@@ -48,12 +48,23 @@ class Timings:
         identity: what must be equal on both sides, by what it is called.
         rows: by row the times of every process, ms, in the order they were taken.
         failed: rows that did not run, with the reason.
+        versions: of the software, by its name; what one side's processes disagree on is joined.
     """
 
     name: str
     identity: dict[str, Any] = field(default_factory=dict)
     rows: dict[RowKey, list[npt.NDArray[np.float64]]] = field(default_factory=dict)
     failed: dict[RowKey, str] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+
+    def add_versions(self, versions: Mapping[str, str]) -> None:
+        """Those of one more process."""
+        for name, version in versions.items():
+            known = self.versions.get(name)
+            if known is None:
+                self.versions[name] = version
+            elif version not in known.split(" and "):
+                self.versions[name] = f"{known} and {version}"
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,15 @@ def differences(base: Timings, new: Timings) -> list[str]:
                 a, b = _only_in(a, b), _only_in(b, a)
             found.append(f"{name} ({_short(a)} against {_short(b)})")
     return found
+
+
+def other_versions(base: Timings, new: Timings) -> dict[str, tuple[str, str]]:
+    """Software that is not the same on both sides: its version in the baseline and in the other."""
+    names = dict.fromkeys([*base.versions, *new.versions])
+    pairs = {
+        name: (base.versions.get(name, "none"), new.versions.get(name, "none")) for name in names
+    }
+    return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
 def _only_in(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, Any]:

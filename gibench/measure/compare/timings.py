@@ -49,6 +49,7 @@ def read_timings(path: Path, name: str) -> Timings:
         for key, times in one.rows.items():
             timings.rows.setdefault(key, []).extend(times)
         timings.failed |= one.failed
+        timings.add_versions(one.versions)
     assert timings is not None
     return timings
 
@@ -62,7 +63,7 @@ def _sources(path: Path) -> list[Path]:
 
 def _of_run(run: StoredRun, name: str) -> Timings:
     record = run.record
-    timings = Timings(name, _identity(record))
+    timings = Timings(name, _identity(record), versions=_versions(record))
     by_pass = run.samples.groupby(["configuration", "pass"], sort=False)["time_ms"]
     by_frame = run.samples.groupby(["configuration", "frame"], sort=False)["frame_wall_ms"].first()
     for entry in record["configurations"]:
@@ -99,6 +100,11 @@ def configuration_label(entry: Mapping[str, Any], record: Mapping[str, Any]) -> 
     auto = entry.get("auto_workgroup")
     parts.append("work-group auto" if auto else f"work-group {entry['workgroup_size']}")
     return ", ".join(parts)
+
+
+def _versions(record: Mapping[str, Any]) -> dict[str, str]:
+    found = {**record.get("versions", {}), "python": record["environment"].get("python")}
+    return {name: str(version) for name, version in found.items() if version is not None}
 
 
 def _identity(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -174,4 +180,9 @@ def _of_benchmark(file: Path, name: str) -> Timings:
         rows["", str(one["fullname"])] = [np.asarray(data, np.float64) * 1e3]
         if one.get("extra_info"):
             identity[f"extra_info of {one['fullname']}"] = one["extra_info"]
-    return Timings(name, identity, rows)
+    told = {
+        "python": machine.get("python_version"),
+        "git": (content.get("commit_info") or {}).get("id"),
+    }
+    versions = {what: str(version) for what, version in told.items() if version}
+    return Timings(name, identity, rows, versions=versions)

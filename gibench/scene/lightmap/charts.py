@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 import time
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,8 @@ from gibench.scene.lightmap.raster import (
     doubled_areas,
 )
 from gibench.scene.model import MOST_UNFOLDED, Scene
+
+_LOG = logging.getLogger(__name__)
 
 # Overlap that lightmap coordinates from a file may show before they are refused, as a share of the
 # covered area: authored charts that share an edge overlap by rounding.
@@ -62,9 +64,7 @@ def flatten(scene: Scene, texel_area: float) -> Charts:
         if fault is None:
             chart = np.where(np.isfinite(uvs).all(axis=(1, 2)), 0, -1)
             return Charts(uvs, chart, 1, placed=True)
-        warnings.warn(
-            f"{scene.name}: its lightmap coordinates {fault}; unwrapped anew", stacklevel=3
-        )
+        _LOG.warning("%s: its lightmap coordinates %s; unwrapped anew", scene.name, fault)
     if len(scene.triangles) > MOST_UNFOLDED:
         return _projected(scene, texel_area)
     return _unfold(scene, texel_area)
