@@ -11,6 +11,7 @@ import pandas as pd
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
 from gibench.measure.runfolder.results import AT_REST
 from gibench.measure.statistics.summary import REAL_TIME_MS, moved
+from gibench.measure.statistics.worst import BESIDE_PER_FRAME, CLEAR, HOLDS_SHARE, STUTTER
 from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
@@ -40,6 +41,7 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         _measured_on(record),
         "## Frames",
         _frames(frames, record),
+        *_worst_frames(frames, record),
         "## Passes",
         *_passes(passes, frames, record),
         "## The machine's roofs",
@@ -124,6 +126,37 @@ def _frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
         *("frames/s", "real-time", "memory MiB / budget", "status", "reason"),
     )
     return _table(head, rows)
+
+
+def _worst_frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> list[str]:
+    """The worst frames where they differ, in flight or among objects that move; nothing else."""
+    judged = frames[frames["pace"].notna()]
+    if judged.empty:
+        return []
+    head = (
+        *("configuration", f"within {REAL_TIME_MS} ms", "p99 ms", "longest ms", "stutter"),
+        *("machine: longest", "machine: stutter", "budget", "pace"),
+    )
+    rows = [
+        (
+            f"{heading(row, record)}, profile {row['profile']}",
+            f"{100 * row['within_budget']:.1f} %",
+            *(number(row[name]) for name in ("p99_ms", "longest_ms", "stutter")),
+            *(number(row[name]) for name in ("machine_longest", "machine_stutter")),
+            *(row["budget"], row["pace"]),
+        )
+        for _, row in judged.iterrows()
+    ]
+    told = (
+        "*Stutter* is the largest ratio of neighbouring frames. *Machine* is the same of constant "
+        f"work timed between frames, a frame's length of it ({BESIDE_PER_FRAME} pieces): its "
+        "longest over its median, its largest ratio of neighbours. A budget *holds* where "
+        f"{100 * HOLDS_SHARE:.0f} % of the frames keep it; a pace is *steady* where no frame takes "
+        f"{STUTTER:.0f} times as long as its neighbour. What is bad is told only where frames kept "
+        f"the device busy so long themselves, and {CLEAR:.0f} times what the machine alone did; "
+        "otherwise this run *cannot tell*."
+    )
+    return ["## Worst frames", _table(head, rows), told]
 
 
 def _passes(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> list[str]:

@@ -22,6 +22,7 @@ from gibench.measure.statistics.summary import (
     per_second,
     summarize,
 )
+from gibench.measure.statistics.worst import worst_frames
 from gibench.techniques.registry import declared_counts
 from gibench.techniques.technique import CAMERA, GEOMETRY, GI, Work
 
@@ -59,6 +60,8 @@ def frame_columns(record: Mapping[str, Any]) -> tuple[str, ...]:
         *("device_ms", "gap_ms", "warmup", "configuration"),
         *("ci_low_ms", "ci_high_ms", "outliers", "stopped", "remarks"),
         *("rest", "frames_to_rest", "ms_to_rest"),
+        *("within_budget", "longest_ms", "stutter", "machine_longest", "machine_stutter"),
+        *("budget", "pace"),
     )
 
 
@@ -120,7 +123,9 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     technique costs. It is blank in runs from before passes had stages. ``rest`` says whether the
     technique was at rest when it was timed, ``frames_to_rest`` and ``ms_to_rest`` what filling took
     until then; blank where it does not tell, and in runs from before it did. Where a pass could not
-    run there is no whole frame, so the times are blank.
+    run there is no whole frame, so the times are blank. ``within_budget`` is the share of frames of
+    at most ``REAL_TIME_MS``, ``stutter`` the largest ratio of neighbours; ``budget`` and ``pace``
+    judge them where the machine was timed beside them (:mod:`gibench.measure.statistics.worst`).
 
     Args:
         samples: the content of ``samples.csv``.
@@ -140,6 +145,7 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
             row |= {
                 **asdict(summary),
                 **_steadiness(walls),
+                **_worst(walls, entry),
                 "fps": 1e3 / summary.median_ms,
                 "real_time": bool(summary.median_ms <= REAL_TIME_MS),
                 "gi_ms": gi_ms[entry["configuration"]],
@@ -165,6 +171,13 @@ def gi_ms_of(samples: pd.DataFrame, record: Mapping[str, Any]) -> dict[int, floa
         gi = mine["time_ms"].where(mine["pass"].map(stages) == GI, 0.0)
         found[number] = float(gi.groupby(mine["frame"]).sum().median())
     return found
+
+
+def _worst(walls: npt.NDArray[np.float64], entry: Mapping[str, Any]) -> dict[str, Any]:
+    """The worst frames; judged where constant work was timed beside them, as in flight."""
+    own, beside = (entry.get(name) or () for name in ("own_ms", "beside_ms"))
+    found = asdict(worst_frames(walls, own, beside, REAL_TIME_MS))
+    return found if beside else {**found, "budget": None, "pace": None}
 
 
 def _steadiness(times_ms: npt.NDArray[np.float64]) -> dict[str, Any]:

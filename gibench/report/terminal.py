@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
+from gibench.measure.statistics.summary import REAL_TIME_MS
 from gibench.techniques.registry import axis_title
 
 _WIDE = 150  # columns where the output is no terminal, so that nothing is cut
@@ -33,6 +34,8 @@ def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, An
         out.print(_passes(mine))
         out.print(_frame_line(frame, record["environment"]["cpu"]), soft_wrap=True)
         if told := rest_line(frame):
+            out.print(told, soft_wrap=True)
+        if told := worst_line(frame):
             out.print(told, soft_wrap=True)
         if frame["reason"]:
             out.print(
@@ -74,6 +77,18 @@ def rest_line(frame: pd.Series) -> str:
     if frames is None or pd.isna(frames) or not frames:
         return ""
     return f"at rest after {frames:,} frames, {frame['ms_to_rest']:,.0f} ms"
+
+
+def worst_line(frame: pd.Series) -> str:
+    """The worst frames, in words; empty where they were not judged."""
+    if pd.isna(frame.get("pace")):
+        return ""
+    return (
+        f"worst: {100 * frame['within_budget']:.1f} % of frames within {REAL_TIME_MS} ms "
+        f"({frame['budget']}), longest {frame['longest_ms']:.1f} ms, {frame['stutter']:.1f} times "
+        f"its neighbour at most ({frame['pace']}; the machine alone "
+        f"{number(frame['machine_stutter'], 1)} times)"
+    )
 
 
 def _passes(passes: pd.DataFrame) -> Table:

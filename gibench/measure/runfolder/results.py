@@ -50,6 +50,8 @@ class JobResult:
         ms_to_rest: that those took.
         frames: measured.
         stopped: why no further frame was measured.
+        beside_ms: wall times of constant work after each of its frames, where they differ.
+        own_ms: what each of these frames kept the device busy itself.
         memory_bytes: the most that was allocated at once.
         notes: for the report.
         base_size: work-group size, where ``auto`` was asked and another than the profile's found.
@@ -71,6 +73,8 @@ class JobResult:
     counts: dict[str, int] = field(default_factory=dict)
     receivers_asked: int | None = None
     frames: int = 0
+    beside_ms: list[float] = field(default_factory=list)
+    own_ms: list[float] = field(default_factory=list)
     memory_bytes: int = 0
     camera: str = ""
     notes: list[str] = field(default_factory=list)
@@ -118,6 +122,8 @@ class JobResult:
             "frames_to_rest": self.frames_to_rest,
             "ms_to_rest": self.ms_to_rest,
             "stopped": self.stopped,
+            "beside_ms": [round(ms, 4) for ms in self.beside_ms],
+            "own_ms": [round(ms, 4) for ms in self.own_ms],
             "group": self.group,
             "camera": self.camera,
             "memory_bytes": self.memory_bytes,

@@ -49,11 +49,13 @@ class FrameTimes:
         pass_ms: for every pass that ran: the sum over its launches of event end minus start.
         wall_ms: from before ``begin_frame`` until the queue is empty again, by the host's clock.
         gap_ms: what of it no kernel accounts for: uploads, launch overhead, idling.
+        cpu_ms: what this process ran meanwhile, on all cores together.
     """
 
     pass_ms: dict[str, float]
     wall_ms: float
     gap_ms: float
+    cpu_ms: float = 0.0
 
 
 def prepare_passes(technique: Technique, workgroup_size: int) -> list[PreparedPass]:
@@ -82,13 +84,15 @@ def enqueue_frame(technique: Technique, prepared: Sequence[PreparedPass], frame:
     """Run one frame and return its times. Passes that are not ``ok`` are left out."""
     queue = technique.device.queue
     queue.finish()
+    ran = time.process_time_ns()
     begin = time.perf_counter_ns()
     technique.begin_frame(frame)
     events = [(item.name, launch.enqueue(queue)) for item in prepared for launch in item.launches]
     queue.finish()
     wall_ms = (time.perf_counter_ns() - begin) * 1e-6
+    cpu_ms = (time.process_time_ns() - ran) * 1e-6
     pass_ms = {item.name: 0.0 for item in prepared if item.status == "ok"}
     for name, event in events:
         if event is not None:
             pass_ms[name] += (event.profile.end - event.profile.start) * 1e-6
-    return FrameTimes(pass_ms, wall_ms, wall_ms - sum(pass_ms.values()))
+    return FrameTimes(pass_ms, wall_ms, wall_ms - sum(pass_ms.values()), cpu_ms)

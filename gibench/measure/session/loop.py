@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pyopencl as cl
 
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
@@ -18,6 +19,7 @@ from gibench.measure.plan.stopping import Plan
 from gibench.measure.runfolder.axes import Axis, steady_counts
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.results import FAILED, OK, SKIPPED, JobResult, PassResult
+from gibench.measure.session.beside import ConstantWork
 from gibench.measure.session.cold import CacheFlush
 from gibench.measure.session.enqueue import FrameTimes, PreparedPass
 from gibench.measure.session.interrupts import Interrupts
@@ -76,11 +78,13 @@ class Live:
         walls_ms: wall times of the frames that count.
         rows: samples not stored yet.
         pictured: whether its images were taken.
+        beside: timed after each of its frames, where they differ; made with the first.
     """
 
     result: JobResult
     session: Session
     rest: RestWatch
+    beside: ConstantWork | None = None
     warming_ms: list[float] = field(default_factory=list)
     walls_ms: list[float] = field(default_factory=list)
     rows: list[tuple[Any, ...]] = field(default_factory=list)
@@ -334,10 +338,26 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
         live.walls_ms.append(times.wall_ms)
         live.rows.extend(_rows(result, loop.axes, times, frame))
         result.frames += 1
+        _time_beside(loop, live, times)
         if why := plan.enough(live.walls_ms):
             result.stopped = why
             return True
     return False
+
+
+def _time_beside(loop: Loop, live: Live, times: FrameTimes) -> None:
+    """Time constant work after a frame of a flight or of objects that move, and note what it ran
+    itself: these frames differ, so that times alone cannot tell a long one from one held up.
+    """
+    shot = live.result.job.shot
+    if not (shot.flight.frames or shot.motion.moves):
+        return
+    if live.beside is None:
+        recent = [*live.warming_ms, *live.walls_ms][-BLOCK:]
+        live.beside = ConstantWork(float(np.median(recent)), loop.cl_device)
+    live.result.beside_ms.append(live.beside())
+    on_cpu = loop.cl_device.type & cl.device_type.CPU
+    live.result.own_ms.append(times.cpu_ms if on_cpu else sum(times.pass_ms.values()))
 
 
 def _tell_rest(result: JobResult, rest: RestWatch) -> None:
