@@ -38,8 +38,7 @@ inline float3 stored_irradiance(__global const map_t *irradiance_maps, int probe
     float2 f;
     const int corner = map_corner(direction, IRRADIANCE_SIDE, &f);
     const size_t first = (size_t)probe * IRRADIANCE_MAP + corner;
-    const float4 root = irradiance_root(irradiance_maps, first, f);
-    return 2.0f * PI_F * root.xyz * root.xyz;
+    return 2.0f * PI_F * averaged(irradiance_term(irradiance_maps, first, f).xyz);
 }
 
 // probe_view: one work-item per pixel; draws the probes over an image.

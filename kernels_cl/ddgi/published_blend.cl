@@ -9,11 +9,11 @@
 // blend_irradiance: one work-group per probe, texels shared out over its work-items.
 //   Every texel's mean of the radiance of rays that met no back, weighed by max(0, cosine), blended
 //   into the map. Majercik et al. 2019, section 4.3, equation 1.
-// directions: (RAYS, 3). rays: (PROBES, BLENDED) float4. frame_key: 1 word, of the frame.
+// directions: (RAYS, 3). rays: (PROBES, BLENDED) float4. frame_table: see ddgi/texel.cl.
 // variability: (PROBES, texels). accepted: (PROBES,), 1 where the probe was updated.
 // staged: 7 * CHUNK floats.
 __kernel void blend_irradiance(VOLUME_PARAMS, __global const float *directions,
-                               __global const float *rays, __global const uint *frame_key,
+                               __global const float *rays, __global const uint *frame_table,
                                __global map_t *irradiance_maps, __global float *variability,
                                __global int *accepted, __local float *staged)
 {
@@ -48,9 +48,9 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const float *directions,
             barrier(CLK_LOCAL_MEM_FENCE);
         }
         const float4 mean = sum / (2.0f * fmax(sum.w, LEAST_WEIGHTS));
-        const float4 sample = powr(mean, (float4)(1.0f / GAMMA));
+        const float4 sample = sample_of(mean);
         if (texel < IRRADIANCE_TEXELS)
-            update_irradiance(probe, texel, sample.xyz, backs, !(state & PROBE_BLENDED), frame_key[0],
+            update_irradiance(probe, texel, sample.xyz, backs, !(state & PROBE_BLENDED), frame_table,
                               irradiance_maps, variability, accepted);
     }
 }
@@ -58,7 +58,7 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const float *directions,
 // blend_distance: as blend_irradiance, for mean and mean square of the distance, weighed by a power
 // of the cosine. staged: 4 * CHUNK floats.
 __kernel void blend_distance(VOLUME_PARAMS, __global const float *directions,
-                             __global const float *rays, __global const uint *frame_key,
+                             __global const float *rays, __global const uint *frame_table,
                              __global map_t *distance_maps, __local float *staged)
 {
     const int probe = get_group_id(0), item = get_local_id(0), size = get_local_size(0);
@@ -89,7 +89,7 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const float *directions,
             barrier(CLK_LOCAL_MEM_FENCE);
         }
         if (texel < DISTANCE_TEXELS)
-            update_distance(probe, texel, sum, weights, !(state & PROBE_BLENDED), frame_key[0],
+            update_distance(probe, texel, sum, weights, !(state & PROBE_BLENDED), frame_table,
                             distance_maps);
     }
 }

@@ -88,7 +88,7 @@ __kernel void backface_counts(__global const float *rays, __global float *counts
 __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                                __global const int *list_rays, __global const float *list_weights,
                                __global const float *rays, __global const float *backs,
-                               __global const uint *frame_key, __global map_t *irradiance_maps,
+                               __global const uint *frame_table, __global map_t *irradiance_maps,
                                __global float *variability, __global int *accepted)
 {
     int probe, texel;
@@ -114,11 +114,10 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
         weights1 += w1 * vec_load(0, row1 + 3 * LANES);
     }
     const vfloat scale = 0.5f / fmax(weights + weights1, (vfloat)(LEAST_WEIGHTS));
-    const vfloat power = (vfloat)(1.0f / GAMMA);
     float samples[3 * VEC];
-    vec_store(powr((red + red1) * scale, power), 0, samples);
-    vec_store(powr((green + green1) * scale, power), 0, samples + VEC);
-    vec_store(powr((blue + blue1) * scale, power), 0, samples + 2 * VEC);
+    vec_store(sample_of((red + red1) * scale), 0, samples);
+    vec_store(sample_of((green + green1) * scale), 0, samples + VEC);
+    vec_store(sample_of((blue + blue1) * scale), 0, samples + 2 * VEC);
     const int count = min(VEC, PROBES - probe);
     for (int lane = 0; lane < count; ++lane) {
         const int state = probe_state(probe_data, probe + lane);
@@ -126,7 +125,7 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
             const float3 sample =
                 (float3)(samples[lane], samples[VEC + lane], samples[2 * VEC + lane]);
             update_irradiance(probe + lane, texel, sample, backs[probe + lane],
-                              !(state & PROBE_BLENDED), frame_key[0], irradiance_maps, variability,
+                              !(state & PROBE_BLENDED), frame_table, irradiance_maps, variability,
                               accepted);
         }
     }
@@ -135,7 +134,7 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
 // blend_distance: one work-item per texel and VEC probes.
 __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                              __global const int *list_rays, __global const float *list_weights,
-                             __global const float *rays, __global const uint *frame_key,
+                             __global const float *rays, __global const uint *frame_table,
                              __global map_t *distance_maps)
 {
     int probe, texel;
@@ -168,6 +167,6 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
         const int state = probe_state(probe_data, probe + lane);
         if (state & PROBE_ACTIVE)
             update_distance(probe + lane, texel, (float2)(sums[lane], sums[VEC + lane]), weights,
-                            !(state & PROBE_BLENDED), frame_key[0], distance_maps);
+                            !(state & PROBE_BLENDED), frame_table, distance_maps);
     }
 }

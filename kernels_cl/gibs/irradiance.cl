@@ -1,7 +1,7 @@
 // The irradiance pass: rays shared out, traced, and taken in by the estimators.
 //
 // Built with CAPACITY, ENTRIES, PUBLISHED, VEC, the grid's macros, DEPTH (depth moments), GUIDING
-// (ray guiding) and FLOORED (estimator), 0 or 1.
+// (ray guiding), FLOORED (estimator) and BY_RAYS (surfels are placed where rays hit), 0 or 1.
 #include "common/bvh.cl"
 #include "common/environment.cl"
 #include "common/lights.cl"
@@ -10,6 +10,7 @@
 #include "common/shade.cl"
 #include "gibs/gather.cl"
 #include "gibs/estimator.cl"
+#include "gibs/bare.cl"
 
 // A surfel seen within so many frames counts as visible: application marks every pixel once in as
 // many (gibs/application.cl).
@@ -110,7 +111,7 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
                          __global const uint *ray_owner, __global const float *estimator,
                          __global const float *guides, BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS,
                          ENVIRONMENT_PARAMS, GATHER_PARAMS,
-                         __global float4 *ray_light, __global float2 *ray_choice)
+                         BARE_PARAMS __global float4 *ray_light, __global float2 *ray_choice)
 {
     const uint ray = get_global_id(0);
     if (ray >= frame[FRAME_RAYS])
@@ -150,6 +151,12 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
                                                     back_along_ray(s.position, direction), s.normal,
                                                     s.geometric_normal);
             radiance = with_reflected(s.emission, s.albedo, direct + g.irradiance);
+#if BY_RAYS
+            if (coverage_steps(g.coverage) < bare) {
+                ray_hit[ray] = (float4)(as_float(hit.triangle), hit.u, hit.v, 0.0f);
+                atomic_min(cell_ray + grid_cell(grid, s.position), ray_key(frame, ray));
+            }
+#endif
         }
     }
     ray_light[ray] = (float4)(radiance, hit.t);

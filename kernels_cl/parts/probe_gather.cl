@@ -24,6 +24,11 @@
 #ifndef PROBE_VISIBILITY
 #define PROBE_VISIBILITY 1
 #endif
+// 1: texels and probes are averaged as what they stand for. 0: texels as they are stored, probes as
+// square roots (RTXGI-DDGI 1.3.7), which is darker where they differ.
+#ifndef LINEAR
+#define LINEAR 0
+#endif
 
 #define IRRADIANCE_TEXELS (IRRADIANCE_SIDE * IRRADIANCE_SIDE)
 #define IRRADIANCE_MAP MAP_TEXELS(IRRADIANCE_SIDE)
@@ -42,8 +47,7 @@
 #define MAP_ARGS irradiance_maps
 #endif
 
-// Stored irradiance to the square root of what it stands for. The probes' average is taken of
-// these and squared afterwards (RTXGI-DDGI 1.3.7).
+// Stored irradiance to the square root of what it stands for.
 inline float4 decoded_root(float4 stored)
 {
 #if DECODE_HALVES
@@ -62,17 +66,36 @@ inline float3 surface_bias(float3 normal, float3 towards_viewer)
     return normal * NORMAL_BIAS + towards_viewer * VIEW_BIAS;
 }
 
-// Bilinear value of a probe's irradiance map, as the square root of half the mean radiance.
+// Bilinear value of a probe's irradiance map as it is averaged over probes: half the mean radiance
+// where LINEAR, else its square root.
 //   first     the upper left texel's place among all maps' texels
 //   fraction  from map_corner
-inline float4 irradiance_root(__global const map_t *irradiance_maps, size_t first, float2 fraction)
+inline float4 irradiance_term(__global const map_t *irradiance_maps, size_t first, float2 fraction)
 {
     const size_t below = first + IRRADIANCE_SIDE + 2;
+#if LINEAR
+    const float4 a = decoded_root(map_load4(first, irradiance_maps));
+    const float4 b = decoded_root(map_load4(first + 1, irradiance_maps));
+    const float4 c = decoded_root(map_load4(below, irradiance_maps));
+    const float4 d = decoded_root(map_load4(below + 1, irradiance_maps));
+    return mix(mix(a * a, b * b, fraction.x), mix(c * c, d * d, fraction.x), fraction.y);
+#else
     const float4 upper = mix(map_load4(first, irradiance_maps),
                              map_load4(first + 1, irradiance_maps), fraction.x);
     const float4 lower = mix(map_load4(below, irradiance_maps),
                              map_load4(below + 1, irradiance_maps), fraction.x);
     return decoded_root(mix(upper, lower, fraction.y));
+#endif
+}
+
+// An average of such values to half the mean radiance.
+inline float3 averaged(float3 mean)
+{
+#if LINEAR
+    return mean;
+#else
+    return mean * mean;
+#endif
 }
 
 #if PROBE_VISIBILITY
@@ -211,14 +234,13 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
     for (int i = 0; i < 8; ++i) {
         if (each[i] <= 0.0f) // What a probe holds that was never blended may be anything.
             continue;
-        sum += each[i] * irradiance_root(irradiance_maps,
+        sum += each[i] * irradiance_term(irradiance_maps,
                                          (size_t)probe[i] * IRRADIANCE_MAP + corner, f);
         weights += each[i];
     }
     if (weights <= 0.0f)
         return (float3)(0.0f);
-    const float3 root = sum.xyz / weights;
-    return root * root * (2.0f * PI_F * volume_weight(volume, position));
+    return averaged(sum.xyz / weights) * (2.0f * PI_F * volume_weight(volume, position));
 }
 
 #else
@@ -279,13 +301,12 @@ inline float3 gathered_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, fl
         float weight = probe_weight(volume, MAP_ARGS, probe, at, position, biased, normal);
         weight *= trilinear.x * trilinear.y * trilinear.z;
 
-        sum += weight * irradiance_root(irradiance_maps, (size_t)probe * IRRADIANCE_MAP + corner, f);
+        sum += weight * irradiance_term(irradiance_maps, (size_t)probe * IRRADIANCE_MAP + corner, f);
         weights += weight;
     }
     if (weights <= 0.0f)
         return (float3)(0.0f);
-    const float3 root = sum.xyz / weights;
-    return root * root * (2.0f * PI_F * volume_weight(volume, position));
+    return averaged(sum.xyz / weights) * (2.0f * PI_F * volume_weight(volume, position));
 }
 
 #endif

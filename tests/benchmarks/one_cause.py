@@ -9,15 +9,22 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from support.scaled import scaled
 
 from gibench.device.device import select_cl_device
 from gibench.measure.plan.grid import grid
 from gibench.profiles import load_profile
+from gibench.scene.model import DirectionalLight, Environment, Scene
 from gibench.study.errors import errors, errors_among
 from gibench.study.frozen import FrozenShared
 from gibench.study.quality import QualityOptions, group_of
 from gibench.study.settle import SettleOptions, settle
+from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
 
@@ -38,10 +45,45 @@ def job_of(scene: str, technique: str, text: str, receivers: int, shot: Shot) ->
     return job
 
 
+@dataclass
+class Lit(FrozenShared):
+    """Scenes with other light: ``sun``, W/m2/sr of one texel in 128 x 64 of the sky, instead of all
+    their lights; all light times ``factor``; all lengths times ``scale``.
+    """
+
+    sun: float = 0.0
+    factor: float = 1.0
+    scale: float = 1.0
+    _made: dict[str, Scene] = field(default_factory=dict)
+
+    def scene(self, name_or_path: str) -> Scene:
+        """The scene in its other light."""
+        if name_or_path not in self._made:
+            found = super().scene(name_or_path)
+            if self.sun:
+                sky = np.full((64, 128, 3), 1.0, np.float32)
+                sky[16, 40] = self.sun
+                found = replace(found, lights=(), environment=Environment(sky))
+            if self.factor != 1.0:
+                lights = tuple(_brighter(light, self.factor) for light in found.lights)
+                sky = found.environment.pixels * np.float32(self.factor)
+                found = replace(found, lights=lights, environment=Environment(sky))
+            if self.scale != 1.0:
+                found = scaled(found, self.scale)
+            self._made[name_or_path] = found
+        return self._made[name_or_path]
+
+
+def _brighter(light: Any, factor: float) -> Any:
+    name = "irradiance" if isinstance(light, DirectionalLight) else "intensity"
+    return replace(light, **{name: tuple(factor * v for v in getattr(light, name))})
+
+
 def main(scene: str, technique: str, *configurations: str) -> None:
     """Print a line for each configuration."""
     receivers, frames, image = 3000, 512, (32, 18)
     extra: list[str] = []
+    flight, lit = FlightOptions(), {}
     for text in configurations:
         if text.startswith("--receivers="):
             receivers = int(text.partition("=")[2])
@@ -50,12 +92,17 @@ def main(scene: str, technique: str, *configurations: str) -> None:
         elif text.startswith("--image="):
             width, height = text.partition("=")[2].split("x")
             image = int(width), int(height)
+        elif text.startswith(("--sun=", "--factor=", "--scale=")):
+            name, _, value = text[2:].partition("=")
+            lit[name] = float(value)
+        elif text.startswith("--flight="):
+            flight = FlightOptions("flight", 0, int(text.partition("=")[2]))
         else:
             extra.append(text)
-    shared, device = FrozenShared(CACHE, 0), select_cl_device(None)
+    shared, device = Lit(CACHE, 0, **lit), select_cl_device(None)
     options = QualityOptions(SettleOptions(frames), target_error=0.03, flip=False)
     for text in ("-", *extra):
-        job = job_of(scene, technique, text, receivers, Shot(*image))
+        job = job_of(scene, technique, text, receivers, Shot(*image, flight=flight))
         group = group_of(job, options, shared)
         begin = time.process_time()
         settled = settle(job, options.settle, shared, device)

@@ -52,7 +52,7 @@ WIDE = 16  # floats of a vector, for packets of rays; elsewhere one, so that ope
 # By technique: frames, image width and height, and settings beside those of run_case.SMALL: enough
 # surfels and probes for what is done once to be little.
 SHAPES: dict[str, tuple[int, int, int, dict[str, Any]]] = {
-    "gibs": (8, 48, 32, {}),
+    "gibs": (8, 48, 32, {"placement": "camera"}),
     "ddgi": (3, 18, 17, {"probes": 27, "rays": 64, "fixed_rays": 16, "distance_texels": 6}),
     "srp": (2, 18, 17, {"relight_samples": 100}),
 }
@@ -63,6 +63,7 @@ OTHER_SETTINGS: list[tuple[str, dict[str, Any]]] = [
     ("srp", {"storage": "fp32"}),
     ("srp", {"storage": "snorm16", "bounces": False}),
     ("gibs", {"depth_moments": False, "ray_guiding": True}),
+    ("gibs", {"placement": "rays"}),
     ("ddgi", {"storage": "fp32", "relocation": False}),
 ]
 

@@ -46,12 +46,13 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
     "srp": [{"storage": "fp32"}, {"storage": "snorm16", "probe_update_fraction": 0.5}],
     "gibs": [
         {"grid": "perspective", "ray_guiding": True},
-        {"depth_moments": False, "grid_cells": 14},
+        {"depth_moments": False, "grid_cells": 14, "placement": "rays"},
     ],
     "surfel-cache": [
         {"projection": "runtime", "sh_bands": 2},
         {"projection": "runtime", "sh_bands": 4, "exponent": 20.0},
     ],
+    "ddgi": [{"average": "encoded"}],
 }
 
 BAKES = [

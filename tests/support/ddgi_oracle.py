@@ -73,6 +73,8 @@ def randomise(technique, rng, states=(0, 1, 2, 3)):
     square = mean**2 + rng.uniform(0.0, 0.05, mean.shape)
     device.write(probes.irradiance, bordered(irradiance))
     device.write(probes.distance, bordered(np.stack([mean, square], axis=-1)))
+    # As if so many frames had been: their number decides how much of a texel stays.
+    probes.begun = int(200 * irradiance.flat[0])
 
 
 SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
@@ -95,6 +97,11 @@ class State:
     irradiance: np.ndarray  # (p, s + 2, s + 2, 4)
     distance: np.ndarray  # (p, s + 2, s + 2, 2)
     directions: np.ndarray  # (rays, 3)
+    kept: float  # share of a texel that stays in this frame
+
+    @property
+    def linear(self):
+        return self.settings.average == "linear"
 
     @property
     def longest(self):
@@ -127,7 +134,14 @@ def state_of(technique) -> State:
         read(probes.irradiance).astype(np.float64),
         read(probes.distance).astype(np.float64),
         read(probes.directions).astype(np.float64),
+        _kept(technique._settings, probes.begun - 1),
     )
+
+
+def _kept(settings, before):
+    if settings.average == "encoded":
+        return settings.hysteresis
+    return min(settings.hysteresis, before / (before + 4))
 
 
 # -- octahedral maps ---------------------------------------------------------------------------
@@ -217,14 +231,22 @@ def gather(s: State, position, bias, normal):
             if weight < (crush := s.settings.crush_threshold):
                 weight = weight**3 / crush**2
             weight *= trilinear
-            stored = lookup(s.irradiance[probe], normal[n][None])[0, :3]
-            total[n] += weight * stored ** (s.settings.gamma / 2)
+            total[n] += weight * term(s, probe, normal[n][None])[0]
             weights[n] += weight
     mean = total / np.maximum(weights, 1e-300)[:, None]
     cells = (position - s.origin) / s.spacing
     outside = np.maximum(np.maximum(-0.5 - cells, cells - s.counts + 0.5), 0)
     inside = np.prod(1 - np.minimum(outside, 1), axis=1)
-    return np.where(weights[:, None] > 0, 2 * np.pi * mean**2, 0) * inside[:, None], certain
+    half = mean if s.linear else mean**2
+    return np.where(weights[:, None] > 0, 2 * np.pi * half, 0) * inside[:, None], certain
+
+
+def term(s: State, probe, directions):
+    """What a probe's map holds for directions (n, 3), as it is averaged over probes."""
+    gamma, maps = s.settings.exponent, s.irradiance[probe]
+    if s.linear:
+        return lookup(maps**gamma, directions)[:, :3]
+    return lookup(maps, directions)[:, :3] ** (gamma / 2)
 
 
 def bias_of(s: State, normal, towards_viewer):
@@ -297,18 +319,23 @@ def blended_irradiance(s: State, radiance, distance):
     front = distance >= 0
     weights = np.einsum("tb,pb->pt", cosine, front)
     sums = np.einsum("tb,pb,pbc->ptc", cosine, front, radiance)
-    sample = (sums / np.maximum(2 * weights, 1e-9)[..., None]) ** (1 / x.gamma)
+    half = sums / np.maximum(2 * weights, 1e-9)[..., None]
+    sample = half ** (1 / x.exponent)
     side = x.irradiance_texels
     previous = s.irradiance[:, 1:-1, 1:-1, :3].reshape(-1, side * side, 3)
     fresh = ~(s.state & BLENDED).astype(bool)[:, None]
     fall = (previous - sample).max(axis=2)
-    keep = np.where(fall > x.irradiance_threshold, max(0, x.hysteresis - 0.75), x.hysteresis)
+    keep = np.where(fall > x.irradiance_threshold, max(0, s.kept - 0.75), s.kept)
     rise = (sample - previous) @ LUMINANCE
     certain = (np.abs(fall - x.irradiance_threshold) > 1e-4) & (
         np.abs(rise - x.brightness_threshold) > 1e-4
     )
     change = np.where(rise > x.brightness_threshold, 0.25, 1.0)[..., None] * (sample - previous)
-    result = np.where(fresh[..., None], sample, previous + (1 - keep[..., None]) * change)
+    moved = previous + (1 - keep[..., None]) * change
+    if s.linear:
+        moved = (s.kept * previous**x.exponent + (1 - s.kept) * half) ** (1 / x.exponent)
+        certain = np.ones_like(certain)
+    result = np.where(fresh[..., None], sample, moved)
     deviation = np.sqrt(np.maximum((sample - previous) * (sample - result), 0))
     variation = np.where(fresh, 0, deviation @ LUMINANCE / (result @ LUMINANCE))
     most = max(1, int(x.random_backface_threshold * x.blended))
@@ -326,7 +353,7 @@ def blended_distance(s: State, distance):
     mean /= np.maximum(weights.sum(axis=1), 1e-300)[:, None]
     previous = s.distance[:, 1:-1, 1:-1].reshape(-1, side * side, 2)
     fresh = ~(s.state & BLENDED).astype(bool)[:, None, None]
-    return np.where(fresh, mean, x.hysteresis * previous + (1 - x.hysteresis) * mean)
+    return np.where(fresh, mean, s.kept * previous + (1 - s.kept) * mean)
 
 
 def relocated(s: State, fixed_distance):

@@ -92,7 +92,7 @@ class Published:
             *p.volume_args,
             reads("directions", p.directions),
             reads("rays", self.rays),
-            reads("frame_key", p.frame_key),
+            reads("frame_table", p.frame_table),
             *results,
             local("staged", 4 * floats * chunk),
         )
@@ -140,7 +140,7 @@ class Tuned:
             *self._list_args("irradiance"),
             reads("rays", self.rays),
             reads("backs", self._backs),
-            reads("frame_key", p.frame_key),
+            reads("frame_table", p.frame_table),
             *irradiance_results(p),
         )
         backs = (reads("rays", self.rays), writes("counts", self._backs))
@@ -157,7 +157,7 @@ class Tuned:
             *p.volume_args,
             *self._list_args("distance"),
             reads("rays", self.rays),
-            reads("frame_key", p.frame_key),
+            reads("frame_table", p.frame_table),
             *distance_results(p),
         )
         return [

@@ -9,7 +9,7 @@ import numpy as np
 from gibench.device import Argument, Buffer, BufferSpec, Device, reads
 from gibench.device.build import Define
 from gibench.techniques.ddgi.placement import ray_directions
-from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.ddgi.settings import LINEAR, DdgiSettings
 from gibench.techniques.parts.octahedral_maps import OctahedralMaps
 from gibench.techniques.parts.placed_probes import PlacedProbes
 from gibench.techniques.parts.probe_volume import Volume
@@ -37,12 +37,13 @@ class Probes:
         irradiance: (p, side + 2, side + 2, 4) maps.
         distance: (p, side + 2, side + 2, 2) maps.
         directions: (rays, 3) float32 of this frame.
-        frame_key: (1,) uint32, this frame's random number.
+        frame_table: (2,) uint32, this frame's random number, and what of a texel stays (a float).
         fixed_distance: (p, fixed) float32, m; one column where none are cast.
         hits: (p, blended, 4) float32.
         accepted: (p,) int32, whether a probe's irradiance was updated.
         variability: (p, texels) float32 coefficients of variation.
         average: (1,) float32, their mean over the usable probes.
+        begun: frames begun so far.
     """
 
     device: Device
@@ -52,12 +53,13 @@ class Probes:
     irradiance: Buffer
     distance: Buffer
     directions: Buffer
-    frame_key: Buffer
+    frame_table: Buffer
     fixed_distance: Buffer
     hits: Buffer
     accepted: Buffer
     variability: Buffer
     average: Buffer
+    begun: int = 0
 
     @staticmethod
     def create(device: Device, settings: DdgiSettings, volume: Volume, seed: int) -> Probes:
@@ -79,7 +81,7 @@ class Probes:
             irradiance=held["irradiance_maps"],
             distance=held["distance_maps"],
             directions=held["ray_directions"],
-            frame_key=held["frame_key"],
+            frame_table=held["frame_table"],
             fixed_distance=held["fixed_distance"],
             hits=held["probe_hits"],
             accepted=held["accepted"],
@@ -96,7 +98,7 @@ class Probes:
             irradiance_maps(s).buffer("irradiance_maps", p),
             distance_maps(s).buffer("distance_maps", p),
             of("ray_directions", (s.rays, 3), f32),
-            of("frame_key", 1, np.uint32),
+            of("frame_table", 2, np.uint32),
             of("fixed_distance", (p, max(s.fixed, 1)), f32),
             of("probe_hits", (p, s.blended, 4), f32),
             of("accepted", p, np.int32),
@@ -139,7 +141,7 @@ class Probes:
             lanes: probes whose rays lie side by side (kernels_cl/ddgi/rays.cl).
         """
         s = self.settings
-        whole = s.gamma == int(s.gamma) and s.gamma <= 16
+        whole = s.exponent == int(s.exponent) and s.exponent <= 16
         return {
             **self.placed.defines,
             "RAYS": s.rays,
@@ -149,10 +151,10 @@ class Probes:
             "IRRADIANCE_SIDE": s.irradiance_texels,
             "DISTANCE_SIDE": s.distance_texels,
             "HALF_MAPS": s.storage == "fp16",
-            "GAMMA": float(s.gamma),
-            "DECODE": s.gamma / 2,
-            "DECODE_HALVES": int(s.gamma) if whole else 0,
-            "HYSTERESIS": float(s.hysteresis),
+            "GAMMA": s.exponent,
+            "DECODE": s.exponent / 2,
+            "DECODE_HALVES": int(s.exponent) if whole else 0,
+            "LINEAR": s.average == LINEAR,
             "IRRADIANCE_THRESHOLD": float(s.irradiance_threshold),
             "BRIGHTNESS_THRESHOLD": float(s.brightness_threshold),
             "DISTANCE_EXPONENT": float(s.distance_exponent),
@@ -167,10 +169,12 @@ class Probes:
         }
 
     def begin_frame(self, frame: int) -> None:
-        """Turn the rays."""
+        """Turn the rays, and tell how much the frame counts."""
         self.device.write(self.directions, ray_directions(self.settings, self.seed, frame))
         key = np.random.default_rng((self.seed, frame, 1)).integers(0, 2**32, 1, np.uint32)
-        self.device.write(self.frame_key, key)
+        kept = np.array([self.settings.kept(self.begun)], np.float32)
+        self.device.write(self.frame_table, np.concatenate([key, kept.view(np.uint32)]))
+        self.begun += 1
 
     def scroll_to(self, centre: tuple[float, float, float]) -> None:
         """Move the volume by whole spacings towards ``centre``; probes that enter start anew."""

@@ -16,6 +16,14 @@ from gibench.techniques.parts.probe_volume import (
 )
 
 STORAGES: Final = ("fp32", "fp16")
+LINEAR: Final = "linear"
+ENCODED: Final = "encoded"
+# Gamma by average. Of linear averages it decides the precision alone: a root is cheap, and fp16
+# then holds what is up to 4e9.
+_GAMMAS: Final = {LINEAR: 2.0, ENCODED: 5.0}
+# Of linear averages, frame n from 0 keeps at most n / (n + START_FRAMES): light that goes round is
+# found by its power, not by its exponential, until that reaches the hysteresis (after 130 frames).
+_START_FRAMES: Final = 4
 
 
 def _setting(default: Any, meaning: str, unit: str = "") -> Any:
@@ -67,14 +75,26 @@ class DdgiSettings:
     )
     # -- blending ------------------------------------------------------------------------------
     hysteresis: float = _setting(
-        0.97, "share of a texel that stays from frame to frame; calmer for slower reaction"
+        0.97,
+        "share of a texel that stays from frame to frame; calmer for slower reaction. Linear "
+        "averages begin with less, so that light has been round sooner",
     )
-    gamma: float = _setting(5.0, "irradiance is stored to the power 1/gamma")
+    average: str = _setting(
+        LINEAR,
+        "linear (right on average): of irradiance, over frames, texels and probes; or encoded (the "
+        "public SDK: steadier, sooner dark when a light goes out, too dark where few rays bring "
+        "most of the light)",
+    )
+    gamma: float | None = _setting(
+        None,
+        "irradiance is stored to the power 1/gamma; 2 if unset, 5 (the SDK's) where the average is "
+        "of what is stored",
+    )
     irradiance_threshold: float = _setting(
-        0.25, "fall of a stored value from which hysteresis drops by 0.75"
+        0.25, "fall of a stored value from which hysteresis drops by 0.75; of encoded averages"
     )
     brightness_threshold: float = _setting(
-        0.10, "rise of a stored luminance from which a change counts a quarter"
+        0.10, "rise of a stored luminance from which a change counts a quarter; of encoded averages"
     )
     distance_exponent: float = _setting(
         50.0, "sharpness of the distance maps: rays weigh by this power of the cosine"
@@ -128,9 +148,14 @@ class DdgiSettings:
             raise BadInput(
                 f"hysteresis is {self.hysteresis}", mend="give 0 or more and less than 1"
             )
-        for name, least in (("gamma", 1.0), ("distance_exponent", 1.0)):
-            if getattr(self, name) < least:
-                raise BadInput(f"{name} is {getattr(self, name)}", mend=f"give {least:g} or more")
+        if self.average not in _GAMMAS:
+            raise BadInput(f"average is '{self.average}'", mend=f"use {LINEAR} or {ENCODED}")
+        for name, value in (
+            ("gamma", self.exponent),
+            ("distance_exponent", self.distance_exponent),
+        ):
+            if value < 1.0:
+                raise BadInput(f"{name} is {value}", mend="give 1 or more")
         for name in _NOT_NEGATIVE:
             if getattr(self, name) < 0:
                 raise BadInput(f"{name} is {getattr(self, name)}", mend="give 0 or more")
@@ -149,6 +174,17 @@ class DdgiSettings:
     def probes_move(self) -> bool:
         """Whether anything asks for fixed rays: relocation or classification."""
         return self.relocation or self.classification
+
+    @property
+    def exponent(self) -> float:
+        """Gamma, as set or as the average wants it."""
+        return _GAMMAS[self.average] if self.gamma is None else float(self.gamma)
+
+    def kept(self, blended: int) -> float:
+        """Share of a texel that stays in a frame after ``blended`` others."""
+        if self.average == ENCODED:
+            return float(self.hysteresis)
+        return min(float(self.hysteresis), blended / (blended + _START_FRAMES))
 
     @property
     def fixed(self) -> int:

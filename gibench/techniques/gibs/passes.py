@@ -112,6 +112,11 @@ class CameraView:
         ]
 
 
+def _steps(coverage: float) -> int:
+    """Coverage as the kernels compare it."""
+    return min(round(coverage * COVERAGE_STEPS), 2**24 - 1)
+
+
 def tiles_of(width: int, height: int) -> int:
     """Placement tiles of an image."""
     return -(-width // PLACEMENT_TILE) * -(-height // PLACEMENT_TILE)
@@ -153,6 +158,7 @@ class FramePasses:
             "DEPTH": self.settings.depth_moments,
             "GUIDING": self.settings.ray_guiding,
             "FLOORED": self.settings.estimator == FLOORED,
+            "BY_RAYS": self.surfels.cell_ray is not None,
         }
 
     @property
@@ -181,6 +187,8 @@ class FramePasses:
     def alive_or_placed(self) -> int:
         """The most surfels there can be after placement."""
         new = tiles_of(self.scene.width, self.scene.height)
+        if self.surfels.cell_ray is not None:
+            new += self.surfels.cell_ray.shape[0]
         return min(self.alive() + new, self.settings.surfels)
 
     def irradiance(self) -> list[Launch]:
@@ -242,10 +250,22 @@ class FramePasses:
             *self.scene.light_args,
             *self.scene.environment_args,
             *self.gather_args,
+            *self._bare_args(),
             writes("ray_light", s.ray_light),
             writes("ray_choice", s.ray_choice),
         )
         return Launch(self._program("irradiance"), "trace_rays", args, items=self.rays)
+
+    def _bare_args(self) -> tuple[Argument, ...]:
+        """BARE_PARAMS of kernels_cl/gibs/bare.cl."""
+        s = self.surfels
+        if s.ray_hit is None or s.cell_ray is None:
+            return ()
+        return (
+            scalar("bare", np.uint32(_steps(self.settings.bare_threshold))),
+            updates("ray_hit", s.ray_hit),
+            updates("cell_ray", s.cell_ray),
+        )
 
     def with_shadow_rays(self, work: Work, workgroup_size: int) -> Work:
         """The irradiance pass's work with the shadow rays where its rays hit. Surfels recycled at
@@ -301,18 +321,19 @@ class FramePasses:
         return [Launch(self._program("life"), "coverage", args, groups=tiles)]
 
     def placement(self) -> list[Launch]:
-        """New surfels where coverage is low."""
+        """New surfels where coverage is low, in the image and where rays hit."""
         s, g, v = self.surfels, self.surfels.geometry, self.view
-        threshold = round(self.settings.placement_threshold * COVERAGE_STEPS)
         chance = min(round(self.settings.placement_chance * 2**32), 2**32 - 1)
-        args = (
+        seen = (
             reads("frame", g.frame),
             reads("least", v.least),
             *self.scene.size_args,
-            scalar("threshold", np.uint32(min(threshold, 2**24 - 1))),
+            scalar("threshold", np.uint32(_steps(self.settings.placement_threshold))),
             scalar("chance", np.uint32(chance)),
             reads("g_position", v.position),
             reads("g_normal", v.normal),
+        )
+        placed = (
             reads("transforms", g.transforms),
             updates("counters", s.counters),
             reads("free_ids", s.free_ids),
@@ -328,7 +349,22 @@ class FramePasses:
             updates("guides", s.guides),
             local("partial", 8 * self.workgroup_size),
         )
-        return [Launch(self._program("life"), "placement", args, groups=1)]
+        found = [Launch(self._program("life"), "placement", (*seen, *placed), groups=1)]
+        if s.ray_hit is not None and s.cell_ray is not None:
+            most = self.settings.recycle_pressure_from * self.settings.surfels
+            bare = (
+                reads("frame", g.frame),
+                updates("cell_ray", s.cell_ray),
+                reads("ray_hit", s.ray_hit),
+                *self.scene.surfaces.shape_args,
+                reads("object_of", v.object_of),
+                scalar("chance", np.uint32(chance)),
+                scalar("most_alive", np.uint32(int(most))),
+            )
+            found.append(
+                Launch(self._program("life"), "placement_by_rays", (*bare, *placed), groups=1)
+            )
+        return found
 
     def recycling(self) -> list[Launch]:
         """Surfels that are no longer needed give their IDs back."""

@@ -12,6 +12,9 @@ UNIFORM: Final = "uniform"
 PERSPECTIVE: Final = "perspective"
 MULTI_SCALE: Final = "multi-scale"
 FLOORED: Final = "floored"
+AUTO: Final = "auto"
+BY_CAMERA: Final = "camera"
+BY_RAYS: Final = "rays"
 
 
 def _setting(default: Any, meaning: str, unit: str = "") -> Any:
@@ -56,7 +59,15 @@ class GibsSettings:
     )
     depth_moments: bool = _setting(True, "depth test against leaks; costs memory and time")
     ray_guiding: bool = _setting(False, "more rays where light came from; costs memory")
+    placement: str = _setting(
+        AUTO,
+        "camera: on what it sees (Ekberg 2022); rays: also where surfels' rays hit a bare surface, "
+        "as long as recycling has no cause; auto: rays, and camera as published",
+    )
     placement_threshold: float = _setting(1.0, "place where coverage is less")
+    bare_threshold: float = _setting(
+        0.1, "a surface that rays hit is bare where coverage is less; more fills sooner, dearer"
+    )
     placement_chance: float = _setting(0.08, "chance that a tile places; more overlap, sooner full")
     recycle_chance: float = _setting(0.05, "chance per frame that recycling looks at a surfel")
     recycle_unseen_frames: int = _setting(
@@ -76,6 +87,7 @@ class GibsSettings:
             "radius_share",
             "smallest_radius",
             "placement_threshold",
+            "bare_threshold",
             "recycle_unseen_frames",
             "recycle_distance",
             "recycle_coverage",
@@ -98,9 +110,18 @@ class GibsSettings:
             self.estimator in (FLOORED, MULTI_SCALE),
             f"'{FLOORED}' or '{MULTI_SCALE}'",
         )
+        self._require(
+            "placement",
+            self.placement in (AUTO, BY_CAMERA, BY_RAYS),
+            f"'{AUTO}', '{BY_CAMERA}' or '{BY_RAYS}'",
+        )
         if self.grid == PERSPECTIVE:
             # 64 across are 2 million cells.
             self._require("grid_cells", self.grid_cells <= 64, "at most 64 in a perspective grid")
+
+    def by_rays(self, published: bool) -> bool:
+        """Whether surfels are placed where rays hit bare surface, too."""
+        return self.placement == BY_RAYS or (self.placement == AUTO and not published)
 
     def _require(self, name: str, holds: bool, what: str) -> None:
         value = getattr(self, name)

@@ -21,6 +21,7 @@ COUNT_ALIVE, COUNT_FREE, COUNT_PLACED, COUNT_RECYCLED = range(4)
 ESTIMATOR_ROWS = 12  # kernels_cl/gibs/estimator.cl
 MOMENT_FLOATS = 48  # kernels_cl/gibs/depth.cl
 GUIDE_FLOATS = 16
+NO_RAY = 0xFFFFFFFF  # kernels_cl/gibs/bare.cl
 
 
 def most_rays(settings: GibsSettings) -> int:
@@ -55,6 +56,9 @@ class Surfels:
         ray_owner: (rays,) uint32.
         ray_light: (rays, 4) float32 radiance and distance.
         ray_choice: (rays, 2) float32 weight and texel.
+        ray_hit: (rays, 4) float32 triangle and barycentrics of rays that hit bare surface; None
+            where only the camera places.
+        cell_ray: (cells,) uint32 which of them is taken in each cell; None likewise.
     """
 
     geometry: SurfelGeometry
@@ -73,13 +77,20 @@ class Surfels:
     ray_owner: Buffer
     ray_light: Buffer
     ray_choice: Buffer
+    ray_hit: Buffer | None
+    cell_ray: Buffer | None
 
     @staticmethod
     def create(
-        device: Device, settings: GibsSettings, transforms: Buffer, workgroup_size: int
+        device: Device,
+        settings: GibsSettings,
+        transforms: Buffer,
+        workgroup_size: int,
+        bare_cells: int = 0,
     ) -> Surfels:
         """Room for ``settings.surfels`` surfels, none placed, that go with their objects, whose
-        ``transforms`` (objects, 12) to the world are not its own.
+        ``transforms`` (objects, 12) to the world are not its own. ``bare_cells``: those that rays
+        place in, 0 where they place nothing.
 
         Raises:
             CannotRun: it does not fit the device's profile.
@@ -92,7 +103,9 @@ class Surfels:
             "surfel_free_ids": np.arange(n - 1, -1, -1, dtype=np.int64).astype(np.uint32),
             "surfel_counters": counters,
         }
-        held = device.allocate(Surfels.own(settings), data)
+        if bare_cells:
+            data["bare_cell_ray"] = np.full(bare_cells, NO_RAY, np.uint32)
+        held = device.allocate(Surfels.own(settings, bare_cells), data)
         scan = BlockScan.create(device, SCAN, n, workgroup_size)
         estimator = held["surfel_estimator"]
         geometry = SurfelGeometry.of(held, transforms, estimator)
@@ -113,16 +126,20 @@ class Surfels:
             ray_owner=held["surfel_ray_owner"],
             ray_light=held["surfel_ray_light"],
             ray_choice=held["surfel_ray_choice"],
+            ray_hit=held.get("bare_ray_hit"),
+            cell_ray=held.get("bare_cell_ray"),
         )
 
     @staticmethod
-    def buffers(settings: GibsSettings, workgroup_size: int) -> list[BufferSpec]:
+    def buffers(
+        settings: GibsSettings, workgroup_size: int, bare_cells: int = 0
+    ) -> list[BufferSpec]:
         """The buffers of so many surfels and rays, the transforms left out."""
         scan = BlockScan.buffer(SCAN, settings.surfels, workgroup_size)
-        return [*Surfels.own(settings), scan]
+        return [*Surfels.own(settings, bare_cells), scan]
 
     @staticmethod
-    def own(settings: GibsSettings) -> list[BufferSpec]:
+    def own(settings: GibsSettings, bare_cells: int = 0) -> list[BufferSpec]:
         """The buffers without the scan's."""
         n, rays = settings.surfels, most_rays(settings)
 
@@ -132,6 +149,14 @@ class Surfels:
         def words(name: str, *shape: int) -> BufferSpec:
             return BufferSpec.of(f"surfel_{name}", shape, np.uint32)
 
+        bare = (
+            [
+                BufferSpec.of("bare_ray_hit", (rays, 4), np.float32),
+                BufferSpec.of("bare_cell_ray", bare_cells, np.uint32),
+            ]
+            if bare_cells
+            else []
+        )
         return [
             floats("estimator", ESTIMATOR_ROWS, n),
             *SurfelGeometry.buffers(n, FRAME_WORDS),
@@ -148,4 +173,5 @@ class Surfels:
             words("ray_owner", rays),
             floats("ray_light", rays, 4),
             floats("ray_choice", rays, 2),
+            *bare,
         ]

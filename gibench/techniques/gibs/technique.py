@@ -47,9 +47,11 @@ none: the passes' times go with them, and are known to 5 % at best."""
 
 
 class Gibs:
-    """Surfels placed where the camera looks, each gathering light over time.
+    """Surfels placed where the camera looks, each gathering light over time; unless told not to,
+    also where their rays hit a surface that none covers, which no camera may ever see.
 
-    Two variants with the same result but for rounding. ``published``: every surfel in its cell and
+    Two variants with the same result but for rounding, where ``placement`` is the same.
+    ``published``: every surfel in its cell and
     all neighbours, wave-wise scan, every pixel works through all surfels of its cell. ``tuned``:
     surfels only in cells they reach, blocked scan, lists in ID order with the surfels' data beside
     them, worked through a vector at a time. ``tuned`` gives the same result bit for bit with the
@@ -77,7 +79,14 @@ class Gibs:
         self._refuse_too_many()
         grid = grid_of(scene, settings)
         self.scene = FrameScene.of(device, job.shot, world)
-        self.surfels = Surfels.create(device, settings, self.scene.object_transforms(), size)
+        self._by_rays = settings.by_rays(published)
+        self.surfels = Surfels.create(
+            device,
+            settings,
+            self.scene.object_transforms(),
+            size,
+            grid.cells if self._by_rays else 0,
+        )
         entries = entries_of(settings, published)
         self.grid = SurfelGrid(
             device,
@@ -151,6 +160,7 @@ class Gibs:
             neighbours=self.grid.published,
             depth=self.settings.depth_moments,
             guiding=self.settings.ray_guiding,
+            by_rays=self._by_rays,
         )
         if self._number:
             coverage = self.coverage()
@@ -300,8 +310,9 @@ def buffers(known: Known) -> list[BufferSpec]:
     job, triangles = known.job, len(known.scene.triangles)
     settings: GibsSettings = job.settings
     published = job.variant == PUBLISHED
+    shape = grid_of(known.scene, settings)
     grid = SurfelGrid.buffers(
-        grid_of(known.scene, settings),
+        shape,
         published,
         entries_of(settings, published),
         simd_width=job.profile.simd_width,
@@ -309,7 +320,9 @@ def buffers(known: Known) -> list[BufferSpec]:
     )
     return [
         *FrameScene.declared(known, transforms=True),
-        *Surfels.buffers(settings, job.group_size),
+        *Surfels.buffers(
+            settings, job.group_size, shape.cells if settings.by_rays(published) else 0
+        ),
         *grid,
         *CameraView.buffers(triangles, job.shot.width, job.shot.height),
     ]

@@ -29,6 +29,7 @@ class FrameSizes:
         neighbours: whether a surfel goes into all neighbouring cells, as published.
         depth: whether depth moments are kept.
         guiding: whether rays are guided.
+        by_rays: whether surfels are placed where rays hit bare surface.
         entries: in the grid's lists.
         surface: pixels that show a surface's front.
         covered: pixels that a surfel covers.
@@ -43,6 +44,7 @@ class FrameSizes:
     neighbours: bool
     depth: bool
     guiding: bool
+    by_rays: bool = False
     entries: int = 0
     surface: int = 0
     covered: int = 0
@@ -95,7 +97,7 @@ def frame_work(sizes: FrameSizes) -> dict[str, Work]:
         ),
         "placement": Work(
             flops=33 * new,
-            bytes_read=4 * sizes.tiles + new * 4 * (1 + 4 + 3),
+            bytes_read=4 * (sizes.tiles + (cells if sizes.by_rays else 0)) + new * 4 * (1 + 4 + 3),
             bytes_written=record * new,
         ),
         # Every surfel draws by its ID and number; what stays keeps its place in the list.

@@ -18,6 +18,9 @@ from gibench.scene.model import Scene
 AUTO: Final = "auto"
 """What a user writes for a volume that fits the scene."""
 
+# A side is no shorter than this share of the longest one.
+_FLAT_SHARE = 0.005
+
 Counts = tuple[int, int, int]
 Triple = tuple[float, float, float]
 
@@ -107,9 +110,9 @@ def given_volume(scene: Scene, counts: Counts, origin: Triple, spacing: Triple) 
 def fit_volume(low: Doubles, high: Doubles, counts: Counts) -> Volume:
     """The box cut into equal cells, a probe in the middle of each.
 
-    Probes on the box itself would lie in a room's walls; a flat box gets a spacing of 1 cm.
+    Probes on the box itself would lie in a room's walls; a flat box gets a little depth.
     """
-    spacing = np.maximum((high - low) / np.array(counts), 0.01)
+    spacing = np.maximum((high - low) / np.array(counts), _least_extent(low, high))
     origin = (low + high) / 2 - (np.array(counts) - 1) / 2 * spacing
     (x, y, z), (dx, dy, dz) = (tuple(float(v) for v in a) for a in (origin, spacing))
     return Volume((x, y, z), (dx, dy, dz), counts)
@@ -117,7 +120,7 @@ def fit_volume(low: Doubles, high: Doubles, counts: Counts) -> Volume:
 
 def fit_counts(low: Doubles, high: Doubles, budget: int) -> Counts:
     """The counts of at most ``budget`` probes whose cells have the least diagonal."""
-    extent = np.maximum(high - low, 0.01)
+    extent = np.maximum(high - low, _least_extent(low, high))
     best, found = math.inf, (1, 1, 1)
     for x in range(1, budget + 1):
         y = np.arange(1, budget // x + 1)
@@ -130,6 +133,11 @@ def fit_counts(low: Doubles, high: Doubles, budget: int) -> Counts:
         if 2 * extent[1] * extent[2] * x / budget > best:
             break
     return found
+
+
+def _least_extent(low: Doubles, high: Doubles) -> float:
+    """What a flat box counts as deep, m."""
+    return _FLAT_SHARE * float((high - low).max())
 
 
 def parse_counts(text: str) -> Counts | None:

@@ -238,7 +238,16 @@ def test_probe_shade(scene, size, variant):
 
 @pytest.mark.parametrize(
     ("more", "size", "variant"),
-    pairwise([{}, {"gamma": 2.5, "distance_exponent": 7.5}], SIZES, VARIANTS),
+    pairwise(
+        [
+            {},
+            {"gamma": 2.5, "distance_exponent": 7.5},
+            {"average": "encoded"},
+            {"average": "encoded", "gamma": 2.5},
+        ],
+        SIZES,
+        VARIANTS,
+    ),
 )
 def test_blending(scene, size, variant, more):
     rng = np.random.default_rng(size)
@@ -307,7 +316,17 @@ def test_fp16_rounding_keeps_the_mean(scene, variant):
 
 @pytest.mark.parametrize(
     ("more", "storage", "variant"),
-    pairwise([{}, {"gamma": 1.0, "normal_bias": 0.4}, {"gamma": 3.3}], ["fp16", "fp32"], VARIANTS),
+    pairwise(
+        [
+            {},
+            {"gamma": 1.0, "normal_bias": 0.4},
+            {"gamma": 3.3},
+            {"average": "encoded"},
+            {"average": "encoded", "gamma": 3.3},
+        ],
+        ["fp16", "fp32"],
+        VARIANTS,
+    ),
 )
 def test_gather_at_receivers(scene, variant, storage, more):
     rng = np.random.default_rng(3)

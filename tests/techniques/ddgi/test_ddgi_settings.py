@@ -24,6 +24,7 @@ from gibench.techniques.ddgi.placement import PROBES_PER_SRP_PROBE, make_volume,
         ({"hysteresis": 1.0}, "hysteresis"),
         ({"hysteresis": float("nan")}, "finite"),
         ({"gamma": 0.0}, "gamma"),
+        ({"average": "median"}, "median"),
         ({"irradiance_texels": 1}, "irradiance_texels"),
         ({"normal_bias": -0.1}, "normal_bias"),
         ({"crush_threshold": 2.0}, "crush_threshold"),
@@ -65,3 +66,13 @@ def test_ray_directions():
     np.testing.assert_array_equal(a[:32], b[:32])
     assert np.abs(a[32:] - b[32:]).max() > 0.1
     np.testing.assert_array_equal(a, ray_directions(settings, 1, 3))
+
+
+def test_what_stays_of_a_texel():
+    """Of linear averages little at first; the SDK's keep the same share from the first frame on."""
+    linear, encoded = SPEC.settings({}), SPEC.settings({"average": "encoded"})
+    assert (linear.exponent, encoded.exponent) == (2.0, 5.0)
+    assert SPEC.settings({"gamma": 3.5}).exponent == 3.5
+    assert [linear.kept(n) for n in (0, 4, 12)] == [0.0, 0.5, 0.75]
+    assert linear.kept(128) < linear.kept(130) == linear.kept(4000) == 0.97
+    assert encoded.kept(0) == encoded.kept(4000) == 0.97
