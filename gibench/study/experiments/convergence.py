@@ -36,10 +36,11 @@ _SWITCHES = {"off to on": (0.0, 1.0), "on to a quarter": (1.0, 0.25)}
 _SETTINGS: tuple[tuple[str, str, Mapping[str, str]], ...] = (
     ("srp", "all probes every frame", {}),
     ("srp", "a quarter of the probes every frame", {"probe_update_fraction": "0.25"}),
-    ("ddgi", "hysteresis 0.97", {}),
-    ("ddgi", "hysteresis 0.90", {"hysteresis": "0.9"}),
-    ("gibs", "1 ray a surfel", {}),
-    ("gibs", "4 rays a surfel", {"rays_per_surfel": "4"}),
+    # Averages and placement are the papers'.
+    ("ddgi", "hysteresis 0.97", {"average": "encoded"}),
+    ("ddgi", "hysteresis 0.90", {"average": "encoded", "hysteresis": "0.9"}),
+    ("gibs", "1 ray a surfel", {"placement": "camera"}),
+    ("gibs", "4 rays a surfel", {"placement": "camera", "rays_per_surfel": "4"}),
 )
 _KEYS = ("scene", "switch", "technique", "setting", "profile")
 _SAMPLE = ("frame", "time_ms", "distance", "mean_distance")

@@ -101,12 +101,14 @@ def _sizes(context: Context) -> _Sizes:
 def _job(context: Context, scene: str, profile: DeviceProfile, technique: str, budget: int) -> Job:
     sizes = _sizes(context)
     if technique == "ddgi":
-        # Every ray is blended, as 25 a probe leave none to spare: nothing moves the probes.
+        # Every ray is blended, as 25 a probe leave none to spare: nothing moves the probes. The
+        # average is the public SDK's.
         settings = {
             "counts": "x".join(str(n) for n in sizes.counts),
             "rays": str(budget // sizes.probes),
             "relocation": "false",
             "classification": "false",
+            "average": "encoded",
         }
     else:
         # As small as that many to cover Sponza; none is taken back, as in Ekberg 2022 (chapter 4).
@@ -114,6 +116,7 @@ def _job(context: Context, scene: str, profile: DeviceProfile, technique: str, b
             "surfels": str(sizes.surfels),
             "radius_share": "0.02",
             "recycle_chance": "0",
+            "placement": "camera",
             "ray_budget": str(budget),
             "rays_per_surfel": str(budget / sizes.surfels),
         }
