@@ -28,6 +28,8 @@ def truth(scene):
 # still lags 900 frames on, most where walls are red: after 2440 frames the shares are 0.985, 0.984
 # and 0.991. With four rays they are within 1 % of the truth.
 ONE_RAY = (0.9513, 0.9598, 0.9815)
+# Where rays place surfels too, one ray a surfel gets there in the 900 (of seed 3 alone).
+PLACED_BY_RAYS = (0.9892, 0.9885, 0.9951)
 FOUR_RAYS = (0.9931, 0.9921, 0.9982)
 SEEDS = 4
 
@@ -36,8 +38,9 @@ SEEDS = 4
 @pytest.mark.parametrize(
     ("known", "spread", "settings"),
     [
-        (ONE_RAY, 0.0035, {}),
-        (FOUR_RAYS, 0.0010, {"rays_per_surfel": 4.0, "ray_guiding": True}),
+        (ONE_RAY, 0.0035, {"placement": "camera"}),
+        (PLACED_BY_RAYS, 0.0035, {"placement": "rays"}),
+        (FOUR_RAYS, 0.0010, {"placement": "camera", "rays_per_surfel": 4.0, "ray_guiding": True}),
     ],
 )
 def test_the_settled_cornell_box_is_as_near_the_truth_as_it_was(
