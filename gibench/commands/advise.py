@@ -18,7 +18,8 @@ from gibench.measure.runfolder.axes import axes_of
 from gibench.report.advice import advice_report, plot_advice
 from gibench.report.tables import csv_text
 from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
-from gibench.study.quality import QualityOptions, check_views, columns, compare
+from gibench.study.quality import check_views, compare
+from gibench.study.quality_rows import QualityOptions, columns
 from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site

@@ -19,14 +19,8 @@ from gibench.measure.runfolder.axes import axes_of
 from gibench.report.quality import quality_report, quality_table
 from gibench.report.tables import csv_text
 from gibench.study.pictures import write_pictures
-from gibench.study.quality import (
-    Group,
-    QualityOptions,
-    QualityOutcome,
-    check_views,
-    columns,
-    compare,
-)
+from gibench.study.quality import QualityOutcome, check_views, compare
+from gibench.study.quality_rows import Group, QualityOptions, columns
 from gibench.study.receivers_file import NAME, write_receivers
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site

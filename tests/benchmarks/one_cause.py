@@ -22,7 +22,8 @@ from gibench.profiles import load_profile
 from gibench.scene.model import DirectionalLight, Environment, Scene
 from gibench.study.errors import errors, errors_among
 from gibench.study.frozen import FrozenShared
-from gibench.study.quality import QualityOptions, group_of
+from gibench.study.quality import group_of
+from gibench.study.quality_rows import QualityOptions
 from gibench.study.settle import SettleOptions, settle
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import Job, Shot

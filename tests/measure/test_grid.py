@@ -18,7 +18,7 @@ from gibench.measure.runfolder.folder import (
 )
 from gibench.profiles import load_profile
 from gibench.report.tables import frame_columns, pass_columns
-from gibench.study.quality import columns
+from gibench.study.quality_rows import columns
 from gibench.techniques.registry import declared_counts, find_technique
 
 IPHONE, RADEON = load_profile("iphone7"), load_profile("radeon560")

@@ -18,7 +18,7 @@ from gibench.scene.load import load_scene
 from gibench.scene.model import Camera, DirectionalLight, PointLight, Region, Scene
 from gibench.study.errors import Truth, errors, errors_among
 from gibench.study.frozen import frozen
-from gibench.study.quality import columns, result_names
+from gibench.study.quality_rows import columns, result_names
 from gibench.study.receivers_file import read_reference, write_receivers
 from gibench.study.regions import read_regions
 from gibench.study.settle import SettleOptions, _Watch

@@ -21,7 +21,7 @@ from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.study.experiments.kept import STATUS, Found, Kept, Summarize
-from gibench.study.quality import QualityOptions
+from gibench.study.quality_rows import QualityOptions
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
 from gibench.techniques.job import Job, Shot

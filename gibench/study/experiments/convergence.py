@@ -16,7 +16,7 @@ from gibench.progress import progress
 from gibench.reference.lights import luminance
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
-from gibench.study.experiments.kept import Found, Kept
+from gibench.study.experiments.kept import Found, Kept, of_key
 from gibench.study.switched import LightSwitch, SwitchedShared
 from gibench.study.through_camera import view
 from gibench.techniques.job import Job
@@ -139,7 +139,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
 
 def _summarize(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any]]:
     """The row of ``key``."""
-    return [row_of(samples[(samples[list(key)] == pd.Series(dict(key))).all(axis=1)])]
+    return [row_of(of_key(samples, key))]
 
 
 def distances(images: Any) -> tuple[Doubles, Doubles]:

@@ -57,6 +57,11 @@ class Found:
     error: GibenchError | None = None
 
 
+def of_key(samples: pd.DataFrame, key: Mapping[str, Any]) -> pd.DataFrame:
+    """The samples of a point."""
+    return samples[(samples[list(key)] == pd.Series(dict(key))).all(axis=1)]
+
+
 def as_kept(values: Doubles) -> Doubles:
     """``values`` in the precision of the file they are kept in."""
     return values.astype(np.float32).astype(np.float64)

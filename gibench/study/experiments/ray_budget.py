@@ -22,7 +22,7 @@ from gibench.study.experiments.common import (
     published,
     published_section,
 )
-from gibench.study.experiments.kept import Found, Images, Kept
+from gibench.study.experiments.kept import Found, Images, Kept, of_key
 from gibench.techniques.camera_path import FLIGHT, FlightOptions
 from gibench.techniques.gibs import Gibs
 from gibench.techniques.job import Job
@@ -204,7 +204,7 @@ def rows_of(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any
         samples: one pass, one frame, one time (``ray-budget-samples.csv``).
         key: values of the key columns.
     """
-    mine = samples[(samples[list(key)] == pd.Series(dict(key))).all(axis=1)]
+    mine = of_key(samples, key)
     columns = _COLUMN_OF[str(key["technique"])]
     mine = mine.assign(column=[columns.get(name, REST) for name in mine["pass"]])
     rows = []

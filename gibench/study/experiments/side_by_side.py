@@ -12,7 +12,8 @@ from gibench.study.errors import METRICS, Truth
 from gibench.study.experiments.common import Context
 from gibench.study.experiments.kept import Found, Kept
 from gibench.study.pictures import SCALE
-from gibench.study.quality import Group, group_of, rows_of
+from gibench.study.quality import group_of
+from gibench.study.quality_rows import Group, rows_of
 from gibench.study.settle import settle
 from gibench.techniques.job import Job
 from gibench.work import Worker
