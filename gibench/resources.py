@@ -1,4 +1,5 @@
-"""Data files that travel with the package: kernels, built-in scenes, published results.
+"""Data files that travel with the package: kernels, built-in scenes, published results,
+others' measurements that projections are held against.
 
 In a checkout they live at the top of the repository; in a wheel, under ``gibench/_data``.
 """
@@ -15,11 +16,12 @@ _IN_CHECKOUT = {
     "kernels_cl": ("kernels_cl",),
     "scenes": ("scenes",),
     "published": ("results", "published"),
+    "validation": ("results", "validation"),
 }
 
 
 def data(folder: str) -> Traversable:
-    """The data folder called ``folder``: ``kernels_cl``, ``scenes`` or ``published``.
+    """The data folder called ``folder``: ``kernels_cl``, ``scenes``, ``published``, ``validation``.
 
     Raises:
         GibenchError: the installation lacks it.

@@ -29,6 +29,7 @@ from gibench.cli import (
     scenes,
     share,
     techniques,
+    validate_projection,
 )
 from gibench.cli.layout import Sectioned
 from gibench.cli.notices import notices
@@ -63,6 +64,7 @@ for command in (
     advise.advise,
     experiment.experiment,
     explain.explain,
+    validate_projection.validate_projection,
     bake.bake,
     ab.ab,
     compare.compare,
@@ -75,7 +77,9 @@ for command in (
 ):
     text = paragraphs(command.__doc__)
     summary = text.partition("\n")[0]  # given, so that the list of commands does not cut it short
-    app.command(command.__name__, cls=Sectioned, help=text, short_help=summary)(command)
+    app.command(command.__name__.replace("_", "-"), cls=Sectioned, help=text, short_help=summary)(
+        command
+    )
 app.add_typer(profiles.app, name="profiles", short_help=profiles.SUMMARY)
 app.add_typer(history.app, name="history", short_help=history.SUMMARY)
 

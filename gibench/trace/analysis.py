@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gibench.arrays import Doubles, Longs
 from gibench.trace import waves
 from gibench.trace.facts import CACHE_BYTES, SIMD_WIDTHS, AccessFacts, LaunchFacts, SimdFacts
+from gibench.trace.streams import WaveStreams
 from gibench.trace.trace import Trace
 
 _STREAM = 24 << 20
@@ -29,6 +30,7 @@ class _Formed:
     strides: Longs
     atomics: list[Longs]
     streams: list[Longs]
+    waits: list[Longs]
 
 
 def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
@@ -86,11 +88,13 @@ def _form(trace: Trace, simd: int) -> _Formed:
         np.zeros((accesses, 3), np.int64),
         [],
         [],
+        [],
     )
     stream = np.empty(1 << 20, np.int64)
     atomics = np.empty(1 << 16, np.int64)
     starts = np.concatenate([[0], trace.ends[:-1]])
     room = _STREAM
+    instructions = np.rint(tables.instructions).astype(np.int64)
     for group in range(groups):
         own = slice(group * items, (group + 1) * items)
         wave_ends = np.zeros(-(-items // simd), np.int64)
@@ -102,12 +106,13 @@ def _form(trace: Trace, simd: int) -> _Formed:
                 np.zeros((accesses, waves.COLUMNS), np.int64),
             )
             strides = formed.strides.copy()
+            waits = np.zeros((len(wave_ends), waves.WAITS), np.int64)
             used, count = waves.form_waves(
                 *(trace.words, starts[own], trace.ends[own], simd),
                 *(tables.accesses, tables.first_access, tables.post_dominator),
-                *(tables.kind, tables.nbytes),
+                *(tables.kind, tables.nbytes, instructions, trace.chains),
                 *(ranges.start, ranges.end, ranges.is_local, low, high),
-                *(*parts, formed.where, strides, atomics, stream, wave_ends),
+                *(*parts, formed.where, strides, atomics, stream, wave_ends, waits),
             )
             if used <= len(stream) and count <= len(atomics):
                 break
@@ -116,6 +121,7 @@ def _form(trace: Trace, simd: int) -> _Formed:
         formed.waves[group], formed.lanes[group], formed.sums[group] = parts
         formed.strides = strides
         formed.atomics.append(atomics[:count].copy())
+        formed.waits.append(waits)
         merged = np.empty(used, np.int64)
         waves.interleave(stream, wave_ends, merged)
         formed.streams.append(merged[:room])
@@ -219,3 +225,36 @@ def _error(trace: Trace, above: Doubles, below: Doubles) -> float:
     left_out = np.array([_ratio(above[trace.run != run], below[trace.run != run]) for run in runs])
     n = len(runs)
     return float(np.sqrt((n - 1) / n * ((left_out - left_out.mean()) ** 2).sum()))
+
+
+def wave_streams(trace: Trace, simd: int) -> WaveStreams:
+    """What the traced groups ask of memory, as waves of ``simd`` lanes."""
+    formed = _form(trace, simd)
+    is_global = ~trace.ranges.is_local
+    start, end = trace.ranges.start[is_global], trace.ranges.end[is_global]
+    order = np.argsort(start)
+    first = start[order] // waves.SECTOR
+    addresses = np.concatenate([np.zeros(0, np.int64), *formed.atomics])
+    low, high = int(start.min(initial=1 << 62)), int(end.max(initial=0))
+    addresses = addresses[(addresses >= low) & (addresses < high)]
+    most = int(np.unique(addresses, return_counts=True)[1].max(initial=0))
+    return WaveStreams(
+        label=trace.request.label,
+        simd=simd,
+        total_groups=trace.total_groups,
+        items=trace.request.items,
+        local_bytes=trace.local_bytes,
+        words=np.concatenate([np.zeros(0, np.int64), *formed.streams]),
+        kept=1,
+        ends=np.cumsum([len(each) for each in formed.streams]).astype(np.int64),
+        run=trace.run,
+        buffer_start=first,
+        buffer_sectors=-(-(end - start)[order] // waves.SECTOR),
+        sectors=formed.sums[:, :, waves.SECTORS].sum(axis=1),
+        requests=formed.sums[:, :, waves.REQUESTS].sum(axis=1),
+        local_cycles=formed.sums[:, :, waves.CYCLES].sum(axis=1),
+        flops=formed.lanes @ trace.tables.flops,
+        waits=np.concatenate(formed.waits),
+        atomics_on_one=most * trace.total_groups / len(trace.groups),
+        outside=int(formed.sums[:, :, waves.OUTSIDE].sum()),
+    )

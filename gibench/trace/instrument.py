@@ -14,6 +14,7 @@ import numpy as np
 
 from gibench.arrays import Doubles, Longs
 from gibench.trace.charges import DIVISION, INTEGER_DIVISION, Charge, charge_of
+from gibench.trace.dependence import BlockLines, Chains, chains_of
 from gibench.trace.graph import post_dominators
 from gibench.trace.lower import NAME, unquoted
 
@@ -34,6 +35,7 @@ _COPY = re.compile(rf"@llvm\.mem(cpy|move|set)\.[\w.]+\(ptr [^%@]*{_OPERAND}, (.
 _CALL = re.compile(rf"\bcall .*?@({NAME})\(")
 _OPERATION = re.compile(r"^\s*(?:%\S+|%\"[^\"]*\") = (?:(?:tail|notail) )?(\w+)")
 _LABEL = re.compile(rf"^({NAME}):")
+_CONSTANT_PLACE = re.compile(r"getelementptr [^%@]*[%@][^,]*(?:, i\d+ -?\d+)+(?:, !|$)")
 _OWN = re.compile(r"@_(?:local_id|group_id|local_size|num_groups|global_offset|work_dim)")
 _FREE = frozenset(
     [
@@ -55,6 +57,10 @@ _FREE = frozenset(
     ]
 )
 _FLOPS = frozenset(("fadd", "fsub", "fmul"))
+
+
+class TooLarge(ValueError):
+    """A block has more accesses than there is room for."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +93,14 @@ class Instrumented:
     Attributes:
         text: of the module.
         tables: of its blocks and accesses.
+        chains: which of its loads wait for which.
         has_barriers: whether its work-items wait for each other.
         locals: names and bytes of the local arrays that the kernel declares itself.
     """
 
     text: str
     tables: Tables
+    chains: Chains
     has_barriers: bool
     locals: tuple[tuple[str, int], ...]
 
@@ -101,6 +109,7 @@ class Instrumented:
 class _Block:
     lines: list[str] = field(default_factory=list)
     accesses: list[tuple[int, int]] = field(default_factory=list)
+    instructions_in_order: list[tuple[str, tuple[int, ...]]] = field(default_factory=list)
     targets: list[str] = field(default_factory=list)
     flops: float = 0.0
     instructions: float = 0.0
@@ -127,7 +136,18 @@ def instrument(text: str, kernel: str) -> Instrumented:
     joined = "\n".join([head, *lines, tail, runtime])
     barriers = any("@pocl.barrier(" in line for line in body)
     local = tuple(_locals(head, kernel))
-    return Instrumented(joined, tables, barriers, local)
+    return Instrumented(joined, tables, _chains(blocks, tables), barriers, local)
+
+
+def _chains(blocks: list[_Block], tables: Tables) -> Chains:
+    given = []
+    for block, first in zip(blocks, tables.first_access.tolist(), strict=True):
+        lines = [
+            (line, tuple(first + place for place in loads))
+            for line, loads in block.instructions_in_order
+        ]
+        given.append(BlockLines(block.label, lines))
+    return chains_of(given, len(tables.kind))
 
 
 def nbytes_of(kind: str) -> int:
@@ -187,6 +207,7 @@ def _blocks(body: list[str]) -> list[_Block]:
 
 def _look(block: _Block, line: str) -> None:
     """Add a line to its block, a record of what it touches before it, and its cost."""
+    loads = []
     for kind, operand, nbytes in _touched(line):
         place, base = len(block.accesses) + 1, f"%t.B.a{len(block.accesses)}"
         block.lines += [
@@ -194,9 +215,12 @@ def _look(block: _Block, line: str) -> None:
             f"  {base}.p = getelementptr i64, ptr %t.B.r, i64 {place}",
             f"  store i64 {base}, ptr {base}.p",
         ]
+        if kind != STORE:
+            loads.append(len(block.accesses))
         block.accesses.append((kind, nbytes))
         block.instructions += max(1, -(-nbytes // 16))
     block.lines.append(line)
+    block.instructions_in_order.append((line, tuple(loads)))
     charge, width = _cost(line)
     block.flops += charge.flops * width
     block.instructions += charge.instructions * width
@@ -253,7 +277,9 @@ def _cost(line: str) -> tuple[Charge, int]:
     if name in ("sdiv", "udiv", "srem", "urem"):
         constant = re.search(r", -?\d+$", line.strip()) is not None  # a multiplication and a shift
         return (Charge(0, 3) if constant else INTEGER_DIVISION), width
-    return Charge(0, 1), 1 if name == "getelementptr" else width
+    if name == "getelementptr":  # a constant distance is part of the access
+        return Charge(0, 0 if _CONSTANT_PLACE.search(line) else 1), 1
+    return Charge(0, 1), width
 
 
 def _recorded(block: _Block, number: int) -> list[str]:
@@ -282,7 +308,7 @@ def _tables(blocks: list[_Block]) -> Tables:
     counts = np.array([len(block.accesses) for block in blocks], np.int64)
     accesses = [each for block in blocks for each in block.accesses]
     if counts.max(initial=0) + 1 > WORDS_SPARE:
-        raise ValueError("a block has too many accesses")
+        raise TooLarge("a block has too many accesses")
     return Tables(
         first_access=np.cumsum(counts) - counts,
         accesses=counts,

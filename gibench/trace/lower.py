@@ -1,7 +1,7 @@
 """PoCL's bitcode of a program, lowered to one kernel as a GPU's compiler would see it.
 
-Everything is inlined but the builtins that are charged by a table; loops are neither vectorised
-nor unrolled.
+Everything is inlined but the builtins that are charged by a table; loops are not vectorised, and
+unrolled only where that is asked for.
 """
 
 from __future__ import annotations
@@ -29,8 +29,13 @@ def unquoted(name: str) -> str:
     return name.strip('"')
 
 
-def lower(bitcode: bytes, kernel: str) -> str:
+def lower(bitcode: bytes, kernel: str, unroll: bool = False) -> str:
     """The text of a module that holds ``kernel`` alone, everything inlined into it.
+
+    Args:
+        bitcode: of a program.
+        kernel: the kernel's name.
+        unroll: whether loops are unrolled, as LLVM thinks fit and the source asks.
 
     Raises:
         BadInput: the program has no such kernel.
@@ -38,12 +43,14 @@ def lower(bitcode: bytes, kernel: str) -> str:
     import llvmlite.binding as llvm
 
     text = str(llvm.parse_bitcode(bitcode))
+    if unroll:  # PoCL's compiler forbids it for all loops but those whose source asks for it
+        text = text.replace('!"llvm.loop.unroll.disable"', '!"gibench.loop"')
     kernels = [unquoted(name) for name in _KERNEL.findall(text)]
     if kernel not in kernels:
         raise BadInput(f"the program has no kernel '{kernel}'", mend=f"it has {', '.join(kernels)}")
     module = llvm.parse_assembly(_prepared(text, kernel))
     module.verify()
-    _optimise(llvm, module)
+    _optimise(llvm, module, unroll)
     return str(module)
 
 
@@ -57,12 +64,12 @@ def machine(llvm: Any) -> Any:
     )
 
 
-def _optimise(llvm: Any, module: Any) -> None:
+def _optimise(llvm: Any, module: Any, unroll: bool) -> None:
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_vectorization = False
     options.loop_interleaving = False
     options.slp_vectorization = False
-    options.loop_unrolling = False
+    options.loop_unrolling = unroll
     builder = llvm.create_pass_builder(machine(llvm), options)
     builder.getModulePassManager().run(module, builder)
 

@@ -78,6 +78,7 @@ class Sampling:
         seconds: no further group is begun after that long.
         timeout: the process is ended after that long, seconds.
         whole: run every group, for what the launch leaves in its buffers.
+        unroll: unroll loops, as compilers of GPUs do.
     """
 
     runs: int = 4
@@ -86,6 +87,7 @@ class Sampling:
     seconds: float = 8.0
     timeout: float = 60.0
     whole: bool = False
+    unroll: bool = False
 
 
 def request_of(device: Device, prepared: PreparedLaunch) -> TraceRequest:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Longs
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
+from gibench.trace.dependence import Chains
 from gibench.trace.extra import require_extra
 from gibench.trace.instrument import Tables
 from gibench.trace.request import Sampling, TraceRequest, write_request
@@ -48,6 +49,7 @@ class Trace:
     Attributes:
         request: what was traced, without its buffers' content.
         tables: of the kernel's blocks and accesses.
+        chains: which of its loads wait for which.
         ranges: where its buffers lie.
         words: the record (see :mod:`gibench.trace.instrument`).
         ends: where every work-item's words end (groups * items,).
@@ -59,6 +61,7 @@ class Trace:
 
     request: TraceRequest
     tables: Tables
+    chains: Chains
     ranges: Ranges
     words: Longs
     ends: Longs
@@ -167,6 +170,7 @@ def _read(folder: Path, request: TraceRequest, sampling: Sampling) -> Trace:
     return Trace(
         request=request,
         tables=Tables(**np.load(folder / "tables.npz")),
+        chains=Chains(**np.load(folder / "chains.npz")),
         ranges=Ranges(tuple(told["names"]), start, end, np.array(is_local, bool)),
         outputs=outputs,
         **arrays,

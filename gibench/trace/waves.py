@@ -22,6 +22,10 @@ BANKS, WORD = 32, 4
 REQUESTS, LANES, LINES, FEWEST_LINES, SECTORS, FEWEST_SECTORS = range(6)
 CYCLES, FEWEST_CYCLES, PRIVATE, OUTSIDE = range(6, 10)
 COLUMNS = 10
+# Columns of what a wave waits for: instructions issued; global loads in a row by the values they
+# need; batches of global loads, and of local ones, block by block; accesses of private memory.
+ISSUED, IN_A_ROW, BATCHES, LOCAL_BATCHES, SPILLED = range(5)
+WAITS = 5
 # A word of the stream: sector << 3 | writes << 2 | reads << 1 | starts a request.
 STARTS, READS, WRITES = 1, 2, 4
 
@@ -83,6 +87,70 @@ def _request(lanes, count, width, kind, base, local, sums, row, stream, used):  
 
 
 @njit(cache=True)
+def _wait(
+    block,
+    accesses,
+    first_access,
+    kinds,
+    chains,
+    before,
+    came,
+    is_global,
+    depth,
+    value,
+    floor,
+    waits,
+):  # pragma: no cover
+    """A wave runs a block: add to what it waits for, return from when its next block may run."""
+    for way in range(chains.phis[block], chains.phis[block + 1]):
+        value[way] = -1
+        for i in range(came):
+            if before[i] == chains.phi_from[way]:
+                value[way] = 0
+                start, count = chains.phi_value[way]
+                for node in chains.nodes[start : start + count]:
+                    value[way] = max(value[way], depth[node])
+    # All phis of a block take their values at once.
+    for way in range(chains.phis[block], chains.phis[block + 1]):
+        if value[way] >= 0:
+            depth[chains.phi_node[way]] = 0
+    for way in range(chains.phis[block], chains.phis[block + 1]):
+        if value[way] >= 0:
+            node = chains.phi_node[way]
+            depth[node] = max(depth[node], value[way])
+    in_global, in_local, fence = np.int64(0), np.int64(0), 0
+    for number in range(accesses[block]):
+        row = first_access[block] + number
+        if kinds[row] == 1:
+            continue
+        if chains.fence[row] != fence:
+            fence = chains.fence[row]
+            floor = max(floor, waits[IN_A_ROW])
+        at = floor
+        start, count = chains.address[row]
+        for node in chains.nodes[start : start + count]:
+            at = max(at, depth[node])
+        depth[row] = at + (1 if is_global[number] == 1 else 0)
+        waits[IN_A_ROW] = max(waits[IN_A_ROW], depth[row])
+        bit = np.int64(1) << min(chains.batch[row], 62)
+        if is_global[number] == 1:
+            in_global |= bit
+        elif is_global[number] == 0:
+            in_local |= bit
+    in_local &= ~in_global
+    while in_global:
+        waits[BATCHES] += in_global & 1
+        in_global >>= 1
+    while in_local:
+        waits[LOCAL_BATCHES] += in_local & 1
+        in_local >>= 1
+    start, count = chains.control[block]
+    for node in chains.nodes[start : start + count]:
+        floor = max(floor, depth[node])
+    return max(floor, waits[IN_A_ROW]) if chains.barrier[block] else floor
+
+
+@njit(cache=True)
 def form_waves(
     words,
     starts,
@@ -93,6 +161,8 @@ def form_waves(
     post_dominator,
     kinds,
     widths,
+    instructions,
+    chains,
     range_start,
     range_end,
     range_local,
@@ -106,6 +176,7 @@ def form_waves(
     atomics,
     stream,
     wave_ends,
+    wave_waits,
 ):  # pragma: no cover
     """Form the waves of one group.
 
@@ -119,6 +190,8 @@ def form_waves(
         post_dominator: of every block.
         kinds: of every access.
         widths: bytes of every access.
+        instructions: issue slots of every block.
+        chains: which loads wait for which.
         range_start: of buffers and local memory.
         range_end: behind them.
         range_local: whether a range is local memory.
@@ -132,6 +205,7 @@ def form_waves(
         atomics: takes the addresses of atomics, as far as they fit.
         stream: takes the sectors of all global requests.
         wave_ends: where each wave's end in the stream (waves,).
+        wave_waits: what each wave waits for (waves, WAITS).
 
     Returns:
         Sectors and atomics; more than fit where there was no room.
@@ -146,11 +220,19 @@ def form_waves(
     lanes = np.zeros(simd, np.int64)
     piece = np.zeros(simd, np.int64)
     following = np.zeros(simd, np.int64)
+    last = np.zeros(simd, np.int64)
+    before = np.zeros(simd, np.int64)
+    is_global = np.zeros(max(1, accesses.max()), np.int64)
+    depth = np.zeros(chains.size[0], np.int64)
+    value = np.zeros(len(chains.phi_node), np.int64)
     for wave in range((items + simd - 1) // simd):
         low = wave * simd
         count = min(simd, items - low)
+        depth[:] = 0
+        floor = 0
         for lane in range(count):
             at[lane], stop[lane] = starts[low + lane], ends[low + lane]
+            last[lane] = -1
         pc[0] = -1 - words[at[0]]
         meet[0] = end_block
         for lane in range(simd):
@@ -161,13 +243,24 @@ def form_waves(
             if block == meet[top] or block == end_block:
                 top -= 1
                 continue
-            active = 0
+            active, came = 0, 0
             for lane in range(simd):
-                active += mask[top, lane]
+                if not mask[top, lane]:
+                    continue
+                active += 1
+                new = True
+                for i in range(came):
+                    new = new and before[i] != last[lane]
+                if new:
+                    before[came] = last[lane]
+                    came += 1
+                last[lane] = block
             block_waves[block] += 1
             block_lanes[block] += active
+            wave_waits[wave, ISSUED] += instructions[block]
             for number in range(accesses[block]):
                 row = first_access[block] + number
+                is_global[number] = -1
                 n = 0
                 for lane in range(simd):
                     if mask[top, lane]:
@@ -181,8 +274,10 @@ def form_waves(
                 if found < 0:
                     is_outside = span_low <= lanes[0] < span_high
                     sums[row, OUTSIDE if is_outside else PRIVATE] += n
+                    wave_waits[wave, SPILLED] += not is_outside
                     continue
                 where[row] = found
+                is_global[number] = 0 if range_local[found] else 1
                 kept = 0
                 for i in range(n):  # lanes of another memory or outside are left out
                     if range_start[found] <= lanes[i] < range_end[found] or (
@@ -219,6 +314,10 @@ def form_waves(
                     )  # fmt: skip
                     left -= width
                     offset += width
+            floor = _wait(
+                block, accesses, first_access, kinds, chains, before, came, is_global, depth,
+                value, floor, wave_waits[wave],
+            )  # fmt: skip
             alike, next_block = True, -1
             for lane in range(simd):
                 if mask[top, lane]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.trace.execute import Machine, record
-from gibench.trace.instrument import instrument
+from gibench.trace.instrument import Instrumented, TooLarge, instrument
 from gibench.trace.lower import lower
 from gibench.trace.request import TraceRequest, read_request
 
@@ -59,11 +59,12 @@ def trace(folder: Path) -> None:
     """
     request, sampling = read_request(folder)
     bitcode = bitcode_of(request, folder / CACHE)
-    instrumented = instrument(lower(bitcode, request.kernel), request.kernel)
+    instrumented = _instrumented(bitcode, request.kernel, sampling.unroll)
     machine = Machine(instrumented, request, sampling.words)
     progress = folder / "group"
     found = record(machine, request, sampling, lambda group: _tell(progress, group))
     np.savez(folder / "tables.npz", **asdict(instrumented.tables))
+    np.savez(folder / "chains.npz", **instrumented.chains._asdict())
     arrays = {name: value for name, value in asdict(found).items() if isinstance(value, np.ndarray)}
     for name, value in arrays.items():
         np.save(folder / f"{name}.npy", value)
@@ -76,6 +77,14 @@ def trace(folder: Path) -> None:
     told = {"too_large": found.too_large, "names": machine.names,
             "locals": [list(each) for each in instrumented.locals]}  # fmt: skip
     (folder / "done.json").write_text(json.dumps(told), encoding="utf-8")
+
+
+def _instrumented(bitcode: bytes, kernel: str, unroll: bool) -> Instrumented:
+    """The kernel, its loops unrolled if that is asked for and its blocks stay small enough."""
+    try:
+        return instrument(lower(bitcode, kernel, unroll), kernel)
+    except TooLarge:
+        return instrument(lower(bitcode, kernel), kernel)
 
 
 def _tell(path: Path, group: int) -> None:

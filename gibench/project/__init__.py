@@ -1,0 +1,1 @@
+"""From traces and a machine's figures to a range of times."""

@@ -1,0 +1,1 @@
+"""Projections held against times that others measured."""
