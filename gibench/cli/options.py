@@ -34,6 +34,16 @@ Profile = Annotated[
         rich_help_panel=GRID,
     ),
 ]
+ProjectedOn = Annotated[
+    list[str],
+    typer.Option(
+        "--device-profile",
+        "-d",
+        metavar="NAME|FILE",
+        help="Device to project onto; its profile has a machine part. Repeat it for several.",
+        rich_help_panel=GRID,
+    ),
+]
 Scenes = Annotated[
     list[str],
     typer.Option(

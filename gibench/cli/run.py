@@ -10,6 +10,7 @@ import typer
 from gibench.cli import flight, motion, options
 
 _DEFAULT_TECHNIQUES = ["srp", "direct"]
+_NONE: list[str] = []
 
 
 def run(
@@ -78,6 +79,16 @@ def run(
             rich_help_panel=options.OUTPUT,
         ),
     ] = False,
+    project: Annotated[
+        list[str],
+        typer.Option(
+            "--project",
+            metavar="NAME|FILE",
+            help="Also project the times onto a device that is not here, as ranges: trace a frame "
+            "of every configuration. Repeat it for several; needs the extra 'project'.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = _NONE,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -112,6 +123,8 @@ def run(
       gibench run --technique gibs --technique ddgi --camera-path flight
 
       gibench run --technique gibs --scene hall --motion scene
+
+      gibench run --device-profile iphone7 --project iphone7 --project titan-x-pascal
     """
     from gibench.commands.run import run as measure
 
@@ -138,6 +151,7 @@ def run(
         motion=moving,
         fit=fit,
         save_images=save_images,
+        project=project,
         out=out,
         seed=seed,
         device=device,
@@ -147,6 +161,10 @@ def run(
         from gibench.report.terminal import show_run
 
         show_run(result.passes, result.frames, result.record)
+        if result.projected is not None:
+            from gibench.report.projection import show_projection
+
+            show_projection(result.projected)
         typer.echo(f"{result.ran} of {len(result.frames)} configurations ran; see {result.folder}")
     if result.error is not None:
         raise result.error

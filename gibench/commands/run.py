@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,14 @@ from gibench.measure.runfolder.folder import SAMPLES, RunFolder
 from gibench.measure.runfolder.results import JobResult
 from gibench.measure.session.session import check_job
 from gibench.measure.session.shared import Shared
+from gibench.profiles import DeviceProfile
 from gibench.report.images import ImageWriter
 from gibench.report.markdown import report
+from gibench.report.projection import PROJECTED, projected_section
 from gibench.report.roofline import write_roofline
 from gibench.report.tables import csv_text, frames_table, passes_table
+from gibench.techniques.job import Job
+from gibench.trace.extra import require_extra
 from gibench.work import Executor
 
 
@@ -40,6 +44,7 @@ class RunResult:
         error: what is not fine: some configuration failed, all were refused, or the run was
             interrupted. What was measured is in the tables all the same.
         ran: configurations of which frames were measured.
+        projected: ranges on devices that are not here, where they were asked for.
     """
 
     folder: Path
@@ -49,6 +54,7 @@ class RunResult:
     frames: pd.DataFrame = field(repr=False)
     error: GibenchError | None
     ran: int
+    projected: pd.DataFrame | None = field(default=None, repr=False)
 
 
 def run(
@@ -74,6 +80,7 @@ def run(
     motion: str = "rest",
     fit: bool = False,
     save_images: bool = False,
+    project: asked.Texts = (),
     out: str | Path | None = None,
     seed: int = 0,
     device: int | None = None,
@@ -98,6 +105,7 @@ def run(
         given, "warmup", "warmup_frames", "warmup_seconds", "cold", "fit", "save_images"
     )
     arguments["motion"] = printable(Path(motion).name)
+    projected_on = _projected_on(asked.several(project))
     jobs = asked.jobs_of(given)
     cl_device = select_cl_device(device)
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
@@ -120,7 +128,37 @@ def run(
         take_images=_ImageTaker(ImageWriter(folder.path / "images")) if save_images else None,
         write=write_tables,
     )
-    return _result(folder.path, measured)
+    result = _result(folder.path, measured)
+    if not projected_on or not result.ran or measured.outcome.interrupted:
+        return result
+    table = _project(folder, jobs, measured, projected_on, shared, cl_device)
+    return replace(result, projected=table)
+
+
+def _projected_on(names: Sequence[str]) -> list[DeviceProfile]:
+    if not names:
+        return []
+    from gibench.commands.project import machine_profiles
+
+    require_extra()
+    return machine_profiles(names)
+
+
+def _project(
+    folder: RunFolder,
+    jobs: Sequence[Job],
+    measured: Measured,
+    profiles: Sequence[DeviceProfile],
+    shared: Shared,
+    cl_device: Any,
+) -> pd.DataFrame:
+    """Project what ran, and add it to the folder and its report."""
+    from gibench.commands.project import project_jobs
+
+    table = project_jobs(jobs, measured.record, profiles, shared, cl_device)
+    folder.write_text(PROJECTED, csv_text(table))
+    write_tables(folder, measured.record)
+    return table
 
 
 def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
@@ -133,7 +171,10 @@ def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
     folder.write_text("passes.csv", csv_text(passes))
     folder.write_text("frames.csv", csv_text(frames))
     write_roofline(folder.path, passes, record)
-    folder.write_text("report.md", report(passes, frames, record))
+    text = report(passes, frames, record)
+    if (folder.path / PROJECTED).is_file():
+        text += "\n" + projected_section(pd.read_csv(folder.path / PROJECTED))
+    folder.write_text("report.md", text)
 
 
 def _tables(

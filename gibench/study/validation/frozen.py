@@ -8,9 +8,9 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -59,11 +59,12 @@ def predict(cache: Path, tell: Tell, sets: Sequence[str] = SETS) -> tuple[pd.Dat
         sets: which of ``SETS``.
     """
     makers = {PUBLISHED: _published, CONVOLUTION: _convolution, DWARFS: _dwarfs}
-    rows, times = [], []
+    rows: list[dict[str, Any]] = []
+    times: list[Doubles] = []
     for name in sets:
         for key, profile, total in makers[name](cache, tell):
             machine = _machine(profile)
-            row = {"set": name, "name": key, "profile": profile.name}
+            row: dict[str, Any] = {"set": name, "name": key, "profile": profile.name}
             if isinstance(total, GibenchError):
                 rows.append(row | {"verdict": UNKNOWN, "reason": str(total)})
                 times.append(np.full(POINTS, np.nan))
@@ -163,7 +164,8 @@ def _growth(row: published.Row, profile: DeviceProfile, cache: Path) -> Total:
     return Total(table[which, np.arange(POINTS)], choices[middle].bound_by, places)
 
 
-def _dwarfs(_: Path, tell: Tell) -> _Found:
+def _dwarfs(cache: Path, tell: Tell) -> _Found:
+    del cache  # nothing is traced
     tell("opendwarfs")
     for _, row in opendwarfs.measured().iterrows():
         name = " ".join(str(row[key]) for key in opendwarfs.KEYS)
@@ -215,5 +217,4 @@ def thaw(folder: Path | Traversable) -> Predictions:
             raise CheckFailed(f"{name} is not what was frozen", where=folder)
     with np.load(io.BytesIO(files[TIMES])) as stored:
         times = stored["times"].astype(np.float64)
-    read = partial(pd.read_csv, keep_default_na=True)
-    return Predictions(read(io.BytesIO(files[TABLE])), times, hashes)
+    return Predictions(pd.read_csv(io.BytesIO(files[TABLE])), times, hashes)

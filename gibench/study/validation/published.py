@@ -8,7 +8,7 @@ are published:
   kernels are not published; times that follow the clusters speak for a group each.
 - Their lightmap and probe update: no. The first samples shadow maps, ours traces rays; the second
   is 6 to 12 times faster than a group per probe could be: another kernel.
-- Growths of Bennett 2019 with SH order and probes: yes, as the growth of probe update, projection and
+- Growths of Bennett 2019 with SH order and probes: yes, as that of probe update, projection and
   transport, the passes that depend on them. How many probes reach a cluster is not published: three
   numbers of them are tried, and the range is that of all.
 - Growths with receivers: no. The lightmap update grows too, and theirs samples shadow maps.

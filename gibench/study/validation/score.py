@@ -141,7 +141,7 @@ def best_of_convolution(rows: pd.DataFrame) -> pd.DataFrame:
     found = []
     mine = rows[rows["set"] == CONVOLUTION]
     for profile, each in mine.groupby("profile", sort=False):
-        picked = each.loc[each["nominal_ms"].idxmin()]
+        picked = each.sort_values("nominal_ms").iloc[0]
         every = table[convolution.MEASURED[str(profile)]].min()
         found.append(
             {

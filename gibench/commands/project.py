@@ -1,0 +1,245 @@
+"""``gibench project``: times of a run's configurations on devices that are not here, as ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from gibench.commands import asked
+from gibench.commands.frame_traces import TracedLaunch, trace_frame
+from gibench.device.device import select_cl_device
+from gibench.errors import BadInput, GibenchError
+from gibench.measure.plan.grid import job_label
+from gibench.measure.runfolder.folder import RunFolder
+from gibench.measure.runfolder.results import OK
+from gibench.measure.runfolder.stored_run import read_record
+from gibench.measure.session.session import Session
+from gibench.measure.session.shared import Shared
+from gibench.profiles import MACHINE_FIGURES, DeviceProfile, Machine
+from gibench.project.model import Times, launch_times
+from gibench.project.ranges import UNKNOWN, Total, range_of, together
+from gibench.report.projection import COLUMNS, PROJECTED
+from gibench.report.tables import csv_text
+from gibench.techniques.job import Job
+from gibench.techniques.technique import GI
+from gibench.trace.extra import require_extra
+from gibench.trace.request import TraceRequest
+from gibench.trace.streams import WaveStreams, streams_of
+
+FRAME = 4
+"""The frame that is traced: what warms up has."""
+WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"
+Row = dict[str, Any]
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Projected ranges.
+
+    Attributes:
+        folder: of the run; has ``projected.csv``.
+        table: a row for each configuration, device and pass, and for whole frames and their GI.
+    """
+
+    folder: Path
+    table: pd.DataFrame = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Totals of a configuration on a device: of each pass, its GI and the frame."""
+
+    passes: Mapping[str, Total | GibenchError]
+    gi: Total | GibenchError
+    frame: Total | GibenchError
+
+
+def project(
+    run: str | Path,
+    device_profile: asked.Texts,
+    cache_dir: str | Path | None = None,
+    tell: Tell = lambda _: None,
+) -> Projection:
+    """Project a stored run's configurations onto devices, as ``gibench project`` does.
+
+    Raises:
+        BadInput: it is no run, its inputs are not here, or a profile has no machine part.
+        CannotRun: the extra is missing.
+        GibenchError: its folder cannot be written.
+    """
+    require_extra()
+    profiles = machine_profiles(asked.several(device_profile))
+    path = Path(run)
+    record = read_record(path)
+    jobs = jobs_of_record(record, path)
+    shared = Shared(asked.cache_folder(cache_dir), int(record["seed"]))
+    table = project_jobs(jobs, record, profiles, shared, select_cl_device(None), tell)
+    folder = RunFolder(path)
+    folder.write_text(PROJECTED, csv_text(table))
+    return Projection(path, table)
+
+
+def machine_profiles(names: Sequence[str]) -> list[DeviceProfile]:
+    """Profiles to project onto.
+
+    Raises:
+        BadInput: one is unknown, unsound, or has no machine part.
+    """
+    profiles = asked.load_profiles(names)
+    for profile in profiles:
+        if profile.machine is None:
+            raise BadInput(
+                f"profile {profile.name} has no machine part to project from",
+                mend=f"add [machine] with {', '.join(MACHINE_FIGURES)}; see 'gibench profiles "
+                "check'",
+            )
+    return profiles
+
+
+def jobs_of_record(record: Mapping[str, Any], path: Path) -> list[Job]:
+    """The jobs of a stored run, made anew from what it was asked.
+
+    Raises:
+        BadInput: its inputs are not here.
+    """
+    given = record["arguments"]
+    if given.get("motion", "rest") not in ("rest", "scene"):
+        raise BadInput("objects moved as a file said that is not part of the run", where=path)
+    return asked.jobs_of(
+        device_profile=given["device_profile"],
+        scene=given["scene"],
+        technique=given["technique"],
+        variant=given["variant"],
+        sh_order=given["sh_order"],
+        probes=given["probes"],
+        receivers=given["receivers"],
+        workgroup_size=given["workgroup_size"],
+        settings=given["settings"],
+        shot=asked.shot_of(
+            given["resolution"],
+            given["camera"],
+            given.get("camera_path", "rest"),
+            given.get("rest_frames", 60),
+            given.get("flight_frames", 240),
+            given.get("motion", "rest"),
+        ),
+        seed=int(record["seed"]),
+    )
+
+
+def project_jobs(
+    jobs: Sequence[Job],
+    record: Mapping[str, Any],
+    profiles: Sequence[DeviceProfile],
+    shared: Shared,
+    cl_device: Any,
+    tell: Tell = lambda _: None,
+) -> pd.DataFrame:
+    """The rows of ``projected.csv``, for the configurations that ran.
+
+    Args:
+        jobs: of the run, in its order.
+        record: the content of its ``run.json``.
+        profiles: devices to project onto, each with a machine part.
+        shared: what is loaded and baked.
+        cl_device: executes the frames.
+        tell: is told how far it is.
+    """
+    rows: list[Row] = []
+    for entry, job in zip(record["configurations"], jobs, strict=True):
+        if entry["status"] != OK:
+            continue
+        tell(f"tracing {job_label(job, entry['scene'])}")
+        head = {name: entry[name] for name in ("configuration", "technique", "variant", "scene")}
+        head["profile"] = job.profile.name
+        for profile, found, stages in project_job(job, profiles, shared, cl_device):
+            rows += _rows(head | {"device": profile.name}, found, stages, profile)
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def project_job(
+    job: Job, profiles: Sequence[DeviceProfile], shared: Shared, cl_device: Any
+) -> list[tuple[DeviceProfile, Projected, Mapping[str, str]]]:
+    """A job's frame on every profile, with the stages of its passes."""
+    widths = sorted({min(profile.simd_width, 64) for profile in profiles})
+    cache = shared.cache_dir / "traces"
+
+    def look(request: TraceRequest) -> dict[int, WaveStreams]:
+        return streams_of(request, widths, cache)
+
+    with Session.open(job, shared, cl_device) as session:
+        session.prepare()
+        launches = trace_frame(session, FRAME, look)
+        stages = {item.name: str(item.stage) for item in session.prepared}
+    return [(each, _projected(launches, each, stages), stages) for each in profiles]
+
+
+def _projected(
+    launches: Sequence[TracedLaunch[dict[int, WaveStreams]]],
+    profile: DeviceProfile,
+    stages: Mapping[str, str],
+) -> Projected:
+    machine, width = _machine(profile), min(profile.simd_width, 64)
+    by_pass: dict[str, list[Times] | GibenchError] = {}
+    for each in launches:
+        times = by_pass.setdefault(each.item.name, [])
+        if isinstance(times, GibenchError):
+            continue
+        if isinstance(each.found, GibenchError):
+            by_pass[each.item.name] = each.found
+        elif each.found is None:
+            by_pass[each.item.name] = GibenchError(each.item.problem or "it cannot run")
+        else:
+            times.append(launch_times(each.found[width], machine))
+    gi = [name for name in by_pass if stages[name] == GI]
+    return Projected(
+        {name: _total([found]) for name, found in by_pass.items()},
+        _total([by_pass[name] for name in gi]),
+        _total(list(by_pass.values())),
+    )
+
+
+def _total(parts: Sequence[list[Times] | GibenchError]) -> Total | GibenchError:
+    launches: list[Times] = []
+    for part in parts:
+        if isinstance(part, GibenchError):
+            return part
+        launches += part
+    return together(launches) if launches else GibenchError("nothing was launched in this frame")
+
+
+def _machine(profile: DeviceProfile) -> Machine:
+    assert profile.machine is not None
+    return profile.machine
+
+
+def _rows(
+    head: Row, found: Projected, stages: Mapping[str, str], profile: DeviceProfile
+) -> list[Row]:
+    totals = [(name, stages[name], total) for name, total in found.passes.items()]
+    totals += [(WHOLE_GI, str(GI), found.gi), (WHOLE_FRAME, "", found.frame)]
+    return [
+        head | {"pass": name, "stage": stage} | projected_columns(total, profile)
+        for name, stage, total in totals
+    ]
+
+
+def projected_columns(total: Total | GibenchError, profile: DeviceProfile) -> Row:
+    """The columns of a projected time: a range, no point in it where it is wide."""
+    if isinstance(total, GibenchError):
+        return {"verdict": UNKNOWN, "projection_reason": str(total)}
+    each = range_of(total, _machine(profile))
+    return {
+        "projected_low_ms": each.low,
+        "projected_nominal_ms": each.shown,
+        "projected_high_ms": each.high,
+        "bound_by": each.bound_by,
+        "driven_by": each.driven_by,
+        "verdict": each.verdict,
+        "projection_reason": each.reason,
+    }
