@@ -110,26 +110,7 @@ def jobs_of_record(record: Mapping[str, Any], path: Path) -> list[Job]:
     given = record["arguments"]
     if given.get("motion", "rest") not in ("rest", "scene"):
         raise BadInput("objects moved as a file said that is not part of the run", where=path)
-    return asked.jobs_of(
-        device_profile=given["device_profile"],
-        scene=given["scene"],
-        technique=given["technique"],
-        variant=given["variant"],
-        sh_order=given["sh_order"],
-        probes=given["probes"],
-        receivers=given["receivers"],
-        workgroup_size=given["workgroup_size"],
-        settings=given["settings"],
-        shot=asked.shot_of(
-            given["resolution"],
-            given["camera"],
-            given.get("camera_path", "rest"),
-            given.get("rest_frames", 60),
-            given.get("flight_frames", 240),
-            given.get("motion", "rest"),
-        ),
-        seed=int(record["seed"]),
-    )
+    return asked.jobs_of({**given, "seed": int(record["seed"])})
 
 
 def project_jobs(
@@ -222,7 +203,9 @@ def _rows(
     head: Row, found: Projected, stages: Mapping[str, str], profile: DeviceProfile
 ) -> list[Row]:
     totals = [(name, stages[name], total) for name, total in found.passes.items()]
-    totals += [(WHOLE_GI, str(GI), found.gi), (WHOLE_FRAME, "", found.frame)]
+    if GI in stages.values():
+        totals.append((WHOLE_GI, str(GI), found.gi))
+    totals.append((WHOLE_FRAME, "", found.frame))
     return [
         head | {"pass": name, "stage": stage} | projected_columns(total, profile)
         for name, stage, total in totals

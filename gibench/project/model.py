@@ -39,6 +39,7 @@ class Times:
         places: of the unknowns, by name; those of the kernel's own behind its label.
         bound_by: the longest part at the nominal point.
         resident: groups on a unit at the nominal point.
+        unseen: what the model does not see of this launch; empty where it sees what matters.
     """
 
     total: Doubles
@@ -47,6 +48,7 @@ class Times:
     places: Mapping[str, Doubles]
     bound_by: str
     resident: int
+    unseen: str = ""
 
 
 def launch_times(streams: WaveStreams, machine: Machine) -> Times:
@@ -77,7 +79,15 @@ def launch_times(streams: WaveStreams, machine: Machine) -> Times:
         places=places,
         bound_by=PARTS[int(longest[0])],
         resident=int(resident[0]),
+        unseen=_unseen(streams),
     )
+
+
+def _unseen(streams: WaveStreams) -> str:
+    own = int(streams.waits[:, waves.SPILLED].sum())
+    if own <= int(streams.requests.sum()):
+        return ""
+    return "most of its accesses are to arrays of its own, which registers may or may not hold"
 
 
 def _identity(streams: WaveStreams) -> str:

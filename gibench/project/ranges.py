@@ -64,11 +64,13 @@ class Total:
         times: of all together.
         bound_by: what takes most of it at the nominal point.
         places: of the unknowns, by name.
+        unseen: what the model does not see of most of it; empty where it sees what matters.
     """
 
     times: Doubles
     bound_by: str
     places: Mapping[str, Doubles]
+    unseen: str = ""
 
 
 def together(launches: Sequence[Times]) -> Total:
@@ -79,7 +81,10 @@ def together(launches: Sequence[Times]) -> Total:
     for each in launches:
         shares[each.bound_by] = shares.get(each.bound_by, 0.0) + float(each.total[0])
         places |= each.places
-    return Total(times, max(shares, key=lambda name: shares[name]), places)
+    blind = [each for each in launches if each.unseen]
+    mostly = sum(float(each.total[0]) for each in blind) > float(times[0]) / 2
+    bound_by = max(shares, key=lambda name: shares[name])
+    return Total(times, bound_by, places, blind[0].unseen if mostly else "")
 
 
 def range_of(total: Total, machine: Machine) -> Range:
@@ -97,8 +102,8 @@ def range_of(total: Total, machine: Machine) -> Range:
 
 
 def _reason(total: Total, machine: Machine) -> str:
-    if total.bound_by != LATENCY:
-        return ""
+    if total.unseen or total.bound_by != LATENCY:
+        return total.unseen
     for name in ("l2_latency_clocks", "dram_latency_ns"):
         each = getattr(machine, name)
         if each.estimated and each.spread > _UNKNOWN_LATENCY:
