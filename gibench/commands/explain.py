@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
+from gibench.commands.frame_traces import trace_frame
 from gibench.device import Device
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
@@ -25,11 +25,9 @@ from gibench.techniques.job import Job
 from gibench.trace.extra import require_extra
 from gibench.trace.facts import SIMD_WIDTHS, LaunchFacts
 from gibench.trace.own_kernel import own_request
-from gibench.trace.request import Sampling, TraceRequest, request_of
+from gibench.trace.request import Sampling, TraceRequest
 
 Row = dict[str, Any]
-_AT_ONCE = 2
-"""Launches that are traced side by side, each with a copy of its buffers."""
 
 
 @dataclass(frozen=True)
@@ -151,9 +149,15 @@ def _traced(request: TraceRequest, profile: DeviceProfile) -> LaunchFacts | Gibe
 
     widths = sorted({*SIMD_WIDTHS, min(profile.simd_width, max(SIMD_WIDTHS))})
     try:
-        return analyse(trace_launch(request, Sampling()), widths)
+        return analyse(trace_launch(request, Sampling()), widths, _own_caches(profile))
     except GibenchError as error:
         return error
+
+
+def _own_caches(profile: DeviceProfile) -> tuple[int, ...]:
+    """The nominal L1 of a unit, and the shared L2; none where the profile has no machine part."""
+    machine = profile.machine
+    return () if machine is None else (int(machine.l1_bytes.nominal), int(machine.l2_bytes.nominal))
 
 
 def _outcome(found: LaunchFacts | GibenchError, profile: DeviceProfile, declared: float) -> Row:
@@ -165,26 +169,14 @@ def _outcome(found: LaunchFacts | GibenchError, profile: DeviceProfile, declared
     return {**told.row(found, profile), "sentence": sentence, "status": "ok", "reason": ""}
 
 
-@dataclass
-class _Launched:
-    """A launch of the traced frame: what its row begins with, its pass, what became of it."""
-
-    head: Row
-    item: PreparedPass
-    found: Future[LaunchFacts | GibenchError] | None
-
-
 def _job_rows(
     job: Job, shared: Shared, cl_device: Any, frame: int, names: Sequence[str]
 ) -> list[Row]:
     """A row per launch of the job's frame ``frame``, buffers as the launch finds them."""
     with Session.open(job, shared, cl_device) as session:
         session.prepare()
-        for number in range(frame):
-            session.frame(number)
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            launched = list(_run_frame(session, frame, names, pool))
-            session.device.queue.finish()
+        launched = trace_frame(session, frame, lambda each: _traced(each, job.profile), names)
+        heads = {item.name: _head(job, session, item, frame) for item in session.prepared}
         work = {item.name: item.work for item in session.prepared} | session.counted()
     declared = {name: each.bytes_read + each.bytes_written for name, each in work.items()}
     rows = []
@@ -194,35 +186,10 @@ def _job_rows(
         if each.found is None:
             outcome: Row = {"status": each.item.status, "reason": each.item.problem}
         else:
-            outcome = _outcome(each.found.result(), job.profile, alone)
-        rows.append({**each.head, **outcome, "declared_bytes": declared[name]})
+            outcome = _outcome(each.found, job.profile, alone)
+        head = heads[name] | {"kernel": each.kernel, "launch": each.place}
+        rows.append({**head, **outcome, "declared_bytes": declared[name]})
     return _with_declared(rows)
-
-
-def _run_frame(
-    session: Session, frame: int, names: Sequence[str], pool: ThreadPoolExecutor
-) -> Iterator[_Launched]:
-    """Run a frame launch by launch, each traced with its buffers as they are before it."""
-    queue = session.device.queue
-    session.technique.begin_frame(frame)
-    waiting: list[Future[LaunchFacts | GibenchError]] = []
-    for item in session.prepared:
-        head = _head(session.job, session, item, frame)
-        if item.problem:
-            yield _Launched(head | {"kernel": "", "launch": 0}, item, None)
-        for place, launch in enumerate(item.launches):
-            name = f"{launch.launch.program.path}:{launch.launch.kernel}"
-            if launch.global_size and (not names or name in names):
-                queue.finish()
-                request = request_of(session.device, launch)
-                while sum(not each.done() for each in waiting) >= _AT_ONCE:
-                    wait(waiting, return_when=FIRST_COMPLETED)
-                    waiting = [each for each in waiting if not each.done()]
-                waiting.append(pool.submit(_traced, request, session.job.profile))
-                yield _Launched(
-                    head | {"kernel": request.kernel, "launch": place}, item, waiting[-1]
-                )
-            launch.enqueue(queue)
 
 
 def _head(job: Job, session: Session, item: PreparedPass, frame: int) -> Row:

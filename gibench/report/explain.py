@@ -14,6 +14,10 @@ from gibench.trace.facts import CACHE_BYTES, AccessFacts, LaunchFacts, SimdFacts
 KINDS = ("load", "store", "atomic")
 SHOWN_CACHE = 1 << 20
 """The cache that the terminal's table and the sentences stand for."""
+_UNSURE = 0.1
+"""A relative standard error that a sentence tells."""
+_LONG_CHAIN = 16
+"""Loads in a row that a sentence tells."""
 
 
 def at_width(facts: LaunchFacts, simd: int) -> SimdFacts:
@@ -35,6 +39,8 @@ def row(facts: LaunchFacts, profile: DeviceProfile) -> dict[str, Any]:
             f"sectors_over_fewest_{each.simd}": each.sectors_over_fewest,
             f"simd_efficiency_{each.simd}": each.efficiency,
             f"bank_conflicts_{each.simd}": each.bank_conflicts,
+            f"loads_in_a_row_{each.simd}": each.in_a_row,
+            f"load_batches_{each.simd}": each.batches,
             f"lines_stderr_{each.simd}": each.lines_error,
             f"efficiency_stderr_{each.simd}": each.efficiency_error,
         }
@@ -46,6 +52,8 @@ def row(facts: LaunchFacts, profile: DeviceProfile) -> dict[str, Any]:
     }
     for size, dram in zip(CACHE_BYTES, facts.dram_bytes, strict=True):
         found[f"dram_bytes_{size >> 10}k"] = dram
+    for name, moved in zip(("bytes_behind_l1", "bytes_behind_l2"), facts.behind, strict=False):
+        found[name] = moved
     found |= {
         "atomics": facts.atomics,
         "atomics_per_address": facts.atomics_per_address,
@@ -73,14 +81,33 @@ def sentence(facts: LaunchFacts, profile: DeviceProfile, declared_bytes: float =
         *_atomics(facts),
         *_dram(facts, declared_bytes),
         *_local(facts, profile),
+        *_chain(simd),
     ]
     if told:
-        return "; ".join(told[:2])
+        return "; ".join([*told[:2], *_sampled(facts)])
     moved = facts.dram_bytes[CACHE_BYTES.index(SHOWN_CACHE)]
     rate = f"{facts.flops / moved:.2g} flops a byte of DRAM" if moved else "no global memory"
     lines = simd.lines_over_fewest
     where = "" if math.isnan(lines) else f"{lines:.2g} times the fewest cache lines, "
-    return f"nothing stands out: {where}{rate}"
+    return "; ".join([f"nothing stands out: {where}{rate}", *_sampled(facts)])
+
+
+def _sampled(facts: LaunchFacts) -> list[str]:
+    """That the sample says little, where its runs of groups differ much."""
+    if not facts.instructions_error > _UNSURE:
+        return []
+    return [
+        f"groups differ: by its {facts.traced:,} of {facts.groups:,} groups the launch is known to "
+        f"{100 * facts.instructions_error:.0f} %"
+    ]
+
+
+def _chain(simd: SimdFacts) -> list[str]:
+    if simd.in_a_row < _LONG_CHAIN:
+        return []
+    return [
+        f"a wave waits for {simd.in_a_row:.0f} loads one after another: only other waves hide that"
+    ]
 
 
 def _faults(facts: LaunchFacts) -> list[str]:

@@ -33,13 +33,23 @@ class _Formed:
     waits: list[Longs]
 
 
-def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
-    """What ``trace`` says; its memory traffic at the first of ``widths``."""
+def analyse(
+    trace: Trace, widths: Sequence[int] = SIMD_WIDTHS, caches: Sequence[int] = ()
+) -> LaunchFacts:
+    """What ``trace`` says; its memory traffic at the first of ``widths``.
+
+    Args:
+        trace: of a launch.
+        widths: lanes of a wave.
+        caches: bytes of caches whose traffic is told besides that of ``CACHE_BYTES``.
+    """
     formed = [_form(trace, simd) for simd in widths]
     first = formed[0]
     scale = trace.total_groups / len(trace.groups)
     per_group = first.lanes @ trace.tables.instructions
-    traffic = _traffic(trace, first)
+    sizes = sorted({*CACHE_BYTES, *caches})
+    traffic = _traffic(trace, first, sizes)
+    moved = dict(zip(sizes, traffic.dram, strict=True))
     addresses = np.concatenate([np.zeros(0, np.int64), *_apart(trace, first.atomics)])
     most = int(np.unique(addresses, return_counts=True)[1].max(initial=0))
     sampled = len(trace.groups) * trace.request.items
@@ -53,7 +63,7 @@ def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
         instructions=float(per_group.sum()) * scale,
         instructions_error=_error(trace, per_group, np.ones(len(per_group)))
         / max(float(per_group.mean()), 1e-30),
-        dram_bytes=traffic.dram,
+        dram_bytes=tuple(moved[size] for size in CACHE_BYTES),
         requested_bytes=traffic.requested,
         atomics=len(addresses) * scale,
         atomics_per_address=most,
@@ -61,6 +71,7 @@ def analyse(trace: Trace, widths: Sequence[int] = SIMD_WIDTHS) -> LaunchFacts:
         outside=int(first.sums[:, :, waves.OUTSIDE].sum()),
         reuse=traffic.reuse,
         cold=traffic.cold,
+        behind=tuple(moved[size] for size in caches),
     )
 
 
@@ -144,6 +155,8 @@ def _simd_facts(trace: Trace, formed: _Formed, simd: int) -> SimdFacts:
         accesses=_access_facts(trace, formed),
         lines_error=_error(trace, lines, fewest),
         efficiency_error=_error(trace, busy, issued),
+        in_a_row=float(np.concatenate(formed.waits)[:, waves.IN_A_ROW].mean()),
+        batches=float(np.concatenate(formed.waits)[:, waves.BATCHES].mean()),
     )
 
 
@@ -177,9 +190,9 @@ class _Traffic:
     cold: int
 
 
-def _traffic(trace: Trace, formed: _Formed) -> _Traffic:
+def _traffic(trace: Trace, formed: _Formed, caches: Sequence[int]) -> _Traffic:
     """Bytes behind caches, first touches held to what the buffers have."""
-    sizes = np.array(CACHE_BYTES, np.int64) // waves.SECTOR
+    sizes = np.maximum(np.array(caches, np.int64) // waves.SECTOR, 1)
     again = np.zeros(len(sizes))
     reuse = np.zeros(64, np.int64)
     first_reads = np.zeros(len(trace.ranges.names))

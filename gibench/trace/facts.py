@@ -53,6 +53,10 @@ class SimdFacts:
         accesses: what each access did.
         lines_error: standard error of ``lines_over_fewest`` from runs of groups; NaN of one run.
         efficiency_error: of ``efficiency``.
+        in_a_row: global loads that a wave waits for one after another, on average: each needs the
+            last one's value, or a branch on it, or comes behind a barrier.
+        batches: times that a wave has to wait for global loads, on average, where loops are not
+            unrolled.
     """
 
     simd: int
@@ -63,6 +67,8 @@ class SimdFacts:
     accesses: tuple[AccessFacts, ...] = field(repr=False)
     lines_error: float
     efficiency_error: float
+    in_a_row: float = 0.0
+    batches: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,7 @@ class LaunchFacts:
         outside: accesses of the sample that lie in no buffer.
         reuse: reuses (64,) by distance: fewer than 2^i sectors, and not fewer than half of that.
         cold: sectors of the sample that are touched for the first time.
+        behind: the same as ``dram_bytes``, of the caches that were asked for besides.
     """
 
     groups: int
@@ -106,3 +113,4 @@ class LaunchFacts:
     outside: int
     reuse: Longs = field(repr=False)
     cold: int
+    behind: tuple[float, ...] = ()

@@ -1,0 +1,101 @@
+"""``run --project`` and ``gibench project``: ranges that cannot be taken for measured times."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from gibench.cli.main import call
+from gibench.profiles import built_in_profiles
+from gibench.report.projection import COLUMNS, projected_section
+from gibench.trace import extra
+
+SMALL = ("-t", "direct", "--resolution", "48x32", "-n", "2", "-w", "64", "--quiet")
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+def ran(out: Path, cache: Path, *arguments: str) -> int:
+    return call(["run", *SMALL, "--out", str(out), "--cache-dir", str(cache), *arguments])
+
+
+def test_a_run_is_projected_only_where_that_is_asked(tmp_path: Path, cache: Path) -> None:
+    assert ran(tmp_path / "plain", cache) == 0
+    assert not (tmp_path / "plain" / "projected.csv").exists()
+    assert "rojected" not in (tmp_path / "plain" / "report.md").read_text()
+    assert not (cache / "traces").exists()
+
+    out = tmp_path / "asked"
+    assert ran(out, cache, "--project", "iphone7", "--project", "titan-x-pascal") == 0
+    table = pd.read_csv(out / "projected.csv")
+    assert tuple(table.columns) == COLUMNS
+    assert set(table["device"]) == {"iphone7", "titan-x-pascal"}
+    assert {"camera", "(frame)"} <= set(table["pass"])
+    assert (table["projected_low_ms"] < table["projected_high_ms"]).all()
+    wide = table["projected_high_ms"] > 3 * table["projected_low_ms"]
+    assert table.loc[wide, "projected_nominal_ms"].isna().all()
+    assert table.loc[~wide, "projected_nominal_ms"].notna().all()
+    frame = table[table["pass"] == "(frame)"].set_index("device")["projected_low_ms"]
+    assert frame["iphone7"] > frame["titan-x-pascal"]
+    report = (out / "report.md").read_text()
+    assert "## Projected, not measured" in report and "never measured" in report
+    for name in ("passes.csv", "frames.csv", "samples.csv"):
+        assert "projected" not in (out / name).read_text()
+
+    # From the traces that are there, onto another device.
+    kept = sorted((cache / "traces").iterdir())
+    assert call(["project", str(out), "-d", "rtx-2070", "--cache-dir", str(cache), "--quiet"]) == 0
+    assert set(pd.read_csv(out / "projected.csv")["device"]) == {"rtx-2070"}
+    assert sorted((cache / "traces").iterdir()) == kept
+
+
+def test_wrong_input_is_one_line(
+    tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch
+) -> None:
+    bare = tmp_path / "bare.toml"
+    bare.write_text(built_in_profiles()["vega56"].partition("\n[machine]\n")[0])
+    for arguments, told in (
+        (("--project", "nokia3310"), "no device profile called 'nokia3310'"),
+        (("--project", str(bare)), "no machine part"),
+    ):
+        assert ran(tmp_path / "out", cache, *arguments) == 2
+        error = capsys.readouterr().err
+        assert told in error and error.count("\n") == 1
+        assert not (tmp_path / "out").exists()  # refused before anything is measured
+    assert call(["project", str(tmp_path), "-d", "vega56"]) == 2
+    assert "not a run" in capsys.readouterr().err
+    monkeypatch.setattr(extra, "PACKAGES", ("no_such_package",))
+    assert ran(tmp_path / "out", cache, "--project", "vega56") == 3
+    assert "gibench[project]" in capsys.readouterr().err
+
+
+def test_a_plain_run_needs_nothing_of_the_extra() -> None:
+    script = (
+        "import sys\n"
+        "for name in ('numba', 'llvmlite', 'greenlet'):\n"
+        "    sys.modules[name] = None\n"
+        "import gibench.commands.run, gibench.cli.run, gibench.cli.main\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def test_a_range_that_is_wide_shows_no_time_in_it() -> None:
+    row = dict.fromkeys(COLUMNS, "x") | {
+        "projected_low_ms": 1.0,
+        "projected_nominal_ms": float("nan"),
+        "projected_high_ms": 9.0,
+        "verdict": "order of magnitude",
+    }
+    unknown = row | {"projected_high_ms": 40.0, "verdict": "cannot tell"}
+    narrow = row | {"projected_nominal_ms": 1.5, "projected_high_ms": 2.0, "verdict": "range"}
+    text = projected_section(pd.DataFrame([row, unknown, narrow]))
+    assert "| 1.000 to 9.000 ms |" in text
+    assert "| cannot tell (1.000 to 40.000 ms) |" in text
+    assert "| 1.000 to 2.000 ms (about 1.500) |" in text
