@@ -22,6 +22,7 @@ SIZES = {
     "cornell-box": (94, 27, 40_564),
     "blue-orange-box": (96, 20, 50_784),
     "two-rooms": (56, 40, 20_000),
+    "two-rooms-gap": (64, 40, 20_000),
     "hall": (28_862, 108, 103_605),
     "atrium": (260_000, 160, 437_557),
     # Generated kinds: they say nothing of probes (gibench/scene/defaults.py does).
@@ -33,7 +34,7 @@ SIZES = {
     "vase": (1_440, 27, 20_000),
 }
 KINDS = ("church", "maze", "street", "thin-house", "big-hall", "vase")
-SUNLESS = ("two-rooms", "maze", "big-hall")
+SUNLESS = ("two-rooms", "two-rooms-gap", "maze", "big-hall")
 # The atrium takes most of a minute on a busy core.
 UNWRAPPED = [
     pytest.param(name, marks=[pytest.mark.slow] if name == "atrium" else []) for name in SIZES

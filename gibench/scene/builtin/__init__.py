@@ -19,6 +19,7 @@ _MAKERS: dict[str, Callable[[Settings], list[Piece]]] = {
     "cornell-box": box_room.parts,
     "blue-orange-box": box_room.parts,
     "two-rooms": two_rooms.parts,
+    "two-rooms-gap": two_rooms.parts,
     "hall": hall.parts,
     "atrium": atrium.parts,
     "church": kinds.church,

@@ -1,0 +1,48 @@
+"""Precomputed light field probes (McGuire et al. 2017): irradiance, and what a probe sees."""
+
+from __future__ import annotations
+
+from gibench.bake.stage import Stage
+from gibench.scene.model import Scene
+from gibench.techniques.light_field_probes.settings import LightFieldProbeSettings
+from gibench.techniques.light_field_probes.technique import LightFieldProbes
+from gibench.techniques.parts.captured_probes.stages import Asked, probe_stages
+from gibench.techniques.parts.captured_probes.technique import declared
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+
+__all__ = ["SPEC", "LightFieldProbeSettings", "LightFieldProbes"]
+
+
+def _stages(context: BakeContext) -> tuple[Stage, ...]:
+    settings: LightFieldProbeSettings = context.settings
+    asked = Asked(
+        context.scene,
+        settings,
+        distance_sharpness=settings.filter_sharpness,
+        surface_bias=settings.surface_bias,
+        visibility_bias=settings.visibility_bias,
+    )
+    return probe_stages(LightFieldProbes.name, context, asked)
+
+
+def _check(scene: Scene, settings: LightFieldProbeSettings) -> None:
+    settings.volume(scene)
+
+
+def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
+    return {"probes": (16, 64), "map_texels": (16, 64)}
+
+
+SPEC = TechniqueSpec(
+    name=LightFieldProbes.name,
+    title="Light field probes",
+    variants=(PUBLISHED, TUNED),
+    settings_type=LightFieldProbeSettings,
+    stages=_stages,
+    create=LightFieldProbes,
+    buffers=declared,
+    sweep=_sweep,
+    check=_check,
+    memory_options=("--probes", "--set light-field-probes.map_texels", "--resolution"),
+    counts={"probes": "probes"},
+)

@@ -1,0 +1,140 @@
+"""Captured probes, frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gibench.device import BufferSpec, Device
+from gibench.scene.model import Camera, Scene
+from gibench.techniques.job import Job, Known, World
+from gibench.techniques.parts.camera_pass import suits_packets
+from gibench.techniques.parts.captured_probes.held import HeldProbes, probe_bytes
+from gibench.techniques.parts.captured_probes.passes import Biases, ProbePasses
+from gibench.techniques.parts.captured_probes.settings import CapturedProbeSettings
+from gibench.techniques.parts.captured_probes.stages import CapturedProbes
+from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.registry import TUNED
+from gibench.techniques.technique import FloatArray, Pass
+
+
+def declared(known: Known) -> list[BufferSpec]:
+    """Scene, probes, and what the camera's rays hit."""
+    shot, settings = known.job.shot, known.job.settings
+    return [
+        *FrameScene.declared(known),
+        *HeldProbes.buffers(settings, settings.volume(known.scene).probes),
+        HitBuffer.spec(shot.width, shot.height),
+    ]
+
+
+def lights_move(scene: Scene) -> bool:
+    """Whether any of its lights is elsewhere in some frame."""
+    return any(
+        getattr(light, name, 0.0)
+        for light in scene.lights
+        for name in ("swing_degrees", "orbit_radius")
+    )
+
+
+class CapturedProbeTechnique:
+    """Captured probes on a device; a technique gives them its name.
+
+    Args:
+        device: where it runs.
+        job: what is asked.
+        world: what is seen; ``baked`` is a :class:`CapturedProbes`.
+        biases: of points.
+        distance_sharpness: power of the cosine that distances are filtered by.
+
+    Raises:
+        CannotRun: it does not fit the device's profile.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        job: Job,
+        world: World,
+        biases: Biases,
+        distance_sharpness: float = 0.0,
+    ) -> None:
+        settings: CapturedProbeSettings = job.settings
+        baked: CapturedProbes = world.baked
+        self.device = device
+        self._job, self._world, self._settings = job, world, settings
+        self.scene = FrameScene.of(device, job.shot, world)
+        self.probes = HeldProbes.create(device, settings, baked)
+        tuned = job.variant == TUNED
+        self._passes = ProbePasses(
+            self.scene,
+            self.probes,
+            biases,
+            tuned,
+            packets=tuned and suits_packets(device),
+            distance_sharpness=distance_sharpness,
+        )
+
+    def passes(self) -> Sequence[Pass]:
+        """The passes of a frame, in order."""
+        return self._passes.passes()
+
+    def begin_frame(self, frame: int) -> None:
+        """Move lights and camera; choose which probes are relit."""
+        self.scene.begin_frame(frame)
+        self._passes.begin_frame()
+
+    def look_from(self, camera: Camera) -> None:
+        """See the scene from ``camera`` wherever there is no flight."""
+        self.scene.look_from(camera)
+
+    def images(self) -> dict[str, FloatArray]:
+        """The frame, its direct and its indirect part, (h, w, 3) W/m2/sr."""
+        return self._passes.application.images(self._job.group_size)
+
+    def indirect_irradiance(self) -> FloatArray:
+        """Indirect irradiance (n, 3) at the receivers, W/m2, in the lightmap's order.
+
+        The receivers are on the device only meanwhile: no frame needs them.
+
+        Raises:
+            CannotRun: they do not fit beside the technique.
+        """
+        receivers, device = self._world.lightmap.receivers, self.device
+        held = []
+        try:
+            for name, array in (
+                ("gathered_position", receivers.position),
+                ("gathered_normal", receivers.normal),
+                ("gathered_irradiance", np.zeros((len(receivers), 3), np.float32)),
+            ):
+                held.append(device.upload(name, array))
+            device.enqueue(self._passes.receivers(*held), self._job.group_size)
+            return device.read(held[2])
+        finally:
+            device.release(*held)
+
+    def counts(self) -> dict[str, int]:
+        """Probes, and receivers it is compared on."""
+        return {
+            "probes": self.probes.baked.volume.probes,
+            "receivers": len(self._world.lightmap.receivers),
+        }
+
+    def notes(self) -> list[str]:
+        """What belongs beside its figures."""
+        baked, settings = self.probes.baked, self._settings
+        found = [
+            f"a probe takes {probe_bytes(settings):,} bytes; its captured cube took "
+            f"{baked.captured_bytes:,} while it was baked"
+        ]
+        if inside := int(np.count_nonzero(~baked.usable)):
+            found.append(f"{inside} of {baked.volume.probes} probes lie inside surfaces")
+        if not settings.relit and lights_move(self._world.scene):
+            found.append(
+                "the probes were lit once, with the lights as in frame 0 (update=static): direct "
+                "light moves, indirect light does not"
+            )
+        return found

@@ -1,0 +1,105 @@
+// The light that captured probes hold, at a surface.
+//
+// Irradiance, W/m2: trilinear between the probes around a point; with PROBE_VISIBILITY times the cubed
+// Chebyshev bound on how much of the point a probe sees (Donnelly and Lauritzen 2006; McGuire et al.
+// 2017). Weights are divided by their sum, so that where no probe sees a point those that see it least
+// badly light it.
+//
+// Macros besides those of parts/probe_volume.cl and parts/octahedral_maps.cl: SIDE (texels of a map's
+// side without its border), PROBE_VISIBILITY, EVERY_PROBE (1: every probe is looked at, as published; 0:
+// the eight around the point, which are all that have a share), SURFACE_BIAS (m), FAR (m, the unit of
+// distances), VISIBILITY_BIAS (in that unit).
+//
+// irradiance_maps  per probe (SIDE + 2)^2 texels of 4: irradiance, W/m2; the fourth is not used
+// distance_maps    per probe (SIDE + 2)^2 texels of 2: mean and mean square of the distance
+#ifndef GIBENCH_CAPTURED_GATHER
+#define GIBENCH_CAPTURED_GATHER
+
+#include "parts/octahedral_maps.cl"
+#include "parts/probe_volume.cl"
+
+#if PROBE_VISIBILITY
+#define MAP_PARAMS __global const map_t *irradiance_maps, __global const map_t *distance_maps
+#define MAP_ARGS irradiance_maps, distance_maps
+#else
+#define MAP_PARAMS __global const map_t *irradiance_maps
+#define MAP_ARGS irradiance_maps
+#endif
+
+// Bilinear value of a probe's irradiance map, from its upper left texel on.
+inline float3 held_irradiance(__global const map_t *irradiance_maps, size_t first, float2 fraction)
+{
+    const size_t below = first + SIDE + 2;
+    const float4 upper = mix(map_load4(first, irradiance_maps),
+                             map_load4(first + 1, irradiance_maps), fraction.x);
+    const float4 lower = mix(map_load4(below, irradiance_maps),
+                             map_load4(below + 1, irradiance_maps), fraction.x);
+    return mix(upper, lower, fraction.y).xyz;
+}
+
+#if PROBE_VISIBILITY
+// The bound, cubed, on how much a probe sees of what lies `offset`, m, from it.
+inline float seen_share(__global const map_t *distance_maps, int probe, float3 offset)
+{
+    const float meters = fmax(length(offset), 1e-9f);
+    float2 f;
+    const int corner = map_corner(offset / meters, SIDE, &f);
+    const size_t first = (size_t)probe * MAP_TEXELS(SIDE) + corner, below = first + SIDE + 2;
+    const float2 upper = mix(map_load2(first, distance_maps), map_load2(first + 1, distance_maps), f.x);
+    const float2 lower = mix(map_load2(below, distance_maps), map_load2(below + 1, distance_maps), f.x);
+    const float2 moments = mix(upper, lower, f.y);
+    const float behind = meters / FAR - VISIBILITY_BIAS - moments.x;
+    if (behind <= 0.0f)
+        return 1.0f;
+    const float variance = fabs(moments.x * moments.x - moments.y);
+    const float share = variance / fmax(variance + behind * behind, 1e-30f);
+    return share * share * share;
+}
+#endif
+
+// What the probe at grid coordinates `cell` counts for a point.
+//   point  m
+//   at     the same in grid coordinates
+inline float probe_share(VOLUME_PARAMS, MAP_PARAMS, int probe, int3 cell, float3 at, float3 point)
+{
+    const float3 near = fmax(1.0f - fabs(convert_float3(cell) - at), 0.0f);
+    float share = near.x * near.y * near.z;
+    if (share <= 0.0f || probe_state(probe_data, probe) != (PROBE_ACTIVE | PROBE_BLENDED))
+        return 0.0f;
+#if PROBE_VISIBILITY
+    share *= seen_share(distance_maps, probe, point - grid_position(volume, cell));
+#endif
+    return share;
+}
+
+inline float3 probe_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float3 geometric_normal,
+                               float3 normal)
+{
+    const float3 point = position + SURFACE_BIAS * geometric_normal;
+    const float3 at = (point - load3(volume, 0)) / load3(volume, 1);
+    const int3 last = (int3)(PROBES_X - 1, PROBES_Y - 1, PROBES_Z - 1);
+    float2 f;
+    const int corner = map_corner(normal, SIDE, &f);
+    float3 sum = (float3)(0.0f);
+    float shares = 0.0f;
+#if EVERY_PROBE
+    for (int i = 0; i < PROBES; ++i) {
+        const int3 cell = (int3)(i % PROBES_X, i / PROBES_X % PROBES_Y, i / (PROBES_X * PROBES_Y));
+#else
+    const int3 base = clamp(convert_int3_rtn(at), (int3)(0), last);
+    for (int i = 0; i < 8; ++i) {
+        const int3 cell = base + (int3)(i & 1, (i >> 1) & 1, i >> 2);
+        if (any(cell > last))
+            continue;
+#endif
+        const int probe = probe_index(volume, cell);
+        const float share = probe_share(VOLUME_ARGS, MAP_ARGS, probe, cell, at, point);
+        if (share <= 0.0f)
+            continue;
+        sum += share * held_irradiance(irradiance_maps, (size_t)probe * MAP_TEXELS(SIDE) + corner, f);
+        shares += share;
+    }
+    return shares > 0.0f ? sum / shares : (float3)(0.0f);
+}
+
+#endif
