@@ -55,6 +55,9 @@ SHAPES: dict[str, tuple[int, int, int, dict[str, Any]]] = {
     "gibs": (8, 48, 32, {"placement": "camera"}),
     "ddgi": (3, 18, 17, {"probes": 27, "rays": 64, "fixed_rays": 16, "distance_texels": 6}),
     "srp": (2, 18, 17, {"relight_samples": 100}),
+    # All probes hold something from the first frame on.
+    "irradiance-probes": (2, 18, 17, {"relit_share": 1.0}),
+    "light-field-probes": (2, 18, 17, {"relit_share": 1.0}),
 }
 SHAPE_OF_OTHERS: tuple[int, int, int, dict[str, Any]] = (2, 18, 17, {})
 

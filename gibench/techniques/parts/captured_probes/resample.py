@@ -19,6 +19,7 @@ from gibench.techniques.parts.captured_probes.capture import Captured
 # Captured texels that weigh less than this share of the nearest are left out: together they have
 # about this share of all weight, since the tail of cos^n beyond weight w has the share w.
 LEAST_WEIGHT = 1e-4
+_RIGHT_ANGLE = 1e-9  # cosines up to which rounding decides on which side a direction lies
 _BLOCK = 4_000_000  # pairs of texels that are weighed at once
 _HELD = 40_000_000  # pairs up to which weights are kept for the next probe
 
@@ -97,10 +98,9 @@ class Resampling:
 
     def _weight(self, cosine: Doubles, closest: Doubles) -> Doubles:
         """Weights over the nearest source's, so that none is too small for a number."""
-        # Rounding puts pairs at right angles a little behind.
         share = np.maximum(cosine, 1e-300) / closest
         weight = np.exp(self.sharpness * np.log(share))
-        return np.where((weight >= LEAST_WEIGHT) & (cosine > 0), weight, 0.0)
+        return np.where((weight >= LEAST_WEIGHT) & (cosine > _RIGHT_ANGLE), weight, 0.0)
 
     def _reach(self) -> float:
         """Chord to the farthest source that counts for any target."""

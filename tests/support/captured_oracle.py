@@ -1,0 +1,127 @@
+"""Captured probes in float64 NumPy, written from the formulas; and how tests set them up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gibench.techniques.parts.captured_probes.maps import texel_solid_angles
+from gibench.techniques.registry import BakeContext, find_technique
+from support.ddgi_oracle import bordered, lookup, surface, texel_directions
+from support.made import made
+from support.shading_oracle import direct_irradiance, open_device
+from support.synthetic_bake import random_lightmap
+
+NAMES = ("irradiance-probes", "light-field-probes")
+VARIANTS = ("published", "tuned")
+SMALL = {"counts": "3x2x2", "capture_texels": 12, "map_texels": 6, "relit_share": 0.4}
+USABLE = 3
+
+
+def create(name, scene, settings, cache, variant="tuned", size=64, lightmap=None, image=(24, 16)):
+    """The technique on a fresh device."""
+    spec = find_technique(name)
+    chosen = spec.settings(settings)
+    if lightmap is None:
+        lightmap = random_lightmap(np.random.default_rng(1), scene, 50, 10, 10)
+    baked = spec.bake(BakeContext(scene, lightmap, chosen, Path(cache)))
+    return made(
+        *(spec, open_device(), scene, lightmap, chosen, baked, variant, size, *image),
+        scene.cameras[0],
+    )
+
+
+def run_pass(technique, name, size):
+    """One pass alone, ``size`` work-items per group."""
+    from support import ddgi_oracle
+
+    ddgi_oracle.run_pass(technique, name, size)
+
+
+def randomise(technique, rng):
+    """Random states and maps with true borders."""
+    held, device = technique.probes, technique.device
+    data = device.read(held.placed.data)
+    data[:, 3] = rng.choice([0, 1, USABLE, USABLE], len(data))
+    device.write(held.placed.data, data)
+    device.write(held.irradiance, bordered(rng.uniform(0.1, 2.0, held.irradiance.shape)))
+    if held.distance is not None:
+        mean = rng.uniform(0.05, 0.6, held.distance.shape[:3])
+        square = mean**2 + rng.uniform(0.0, 0.02, mean.shape)
+        device.write(held.distance, bordered(np.stack([mean, square], axis=-1)))
+
+
+def gather(technique, position, geometric, normal):
+    """Irradiance (n, 3) at points: every probe, weighed as its formula says."""
+    held, read = technique.probes, technique.device.read
+    settings, volume = technique._settings, held.baked.volume
+    visible = held.distance is not None
+    point = position + (settings.surface_bias if visible else 0.0) * geometric
+    state = read(held.placed.data)[:, 3]
+    maps = read(held.irradiance).astype(np.float64)
+    total, weights = np.zeros((len(point), 3)), np.zeros(len(point))
+    for probe, centre in enumerate(volume.positions):
+        if state[probe] != USABLE:
+            continue
+        share = np.maximum(0, 1 - np.abs(point - centre) / np.array(volume.spacing)).prod(axis=1)
+        if visible:
+            away = point - centre
+            meters = np.linalg.norm(away, axis=1)
+            moments = lookup(read(held.distance)[probe].astype(np.float64), away / meters[:, None])
+            share = share * chebyshev(
+                meters / held.baked.far,
+                settings.visibility_bias / held.baked.far,
+                *moments.T,
+            )
+        total += share[:, None] * lookup(maps[probe], normal)[:, :3]
+        weights += share
+    return np.where(weights[:, None] > 0, total / np.maximum(weights, 1e-300)[:, None], 0.0)
+
+
+def chebyshev(distance, bias, mean, square):
+    """The cubed bound (Donnelly and Lauritzen 2006)."""
+    variance = np.abs(mean**2 - square)
+    behind = distance - bias - mean
+    bound = variance / np.maximum(variance + behind**2, 1e-300)
+    return np.where(behind > 0, bound**3, 1.0)
+
+
+def relit(technique, scene, frame, probes):
+    """Radiance (k, t, 3) of ``probes``, and which of it (k, t) no shadow ray's luck decides."""
+    held, read = technique.probes, technique.device.read
+    hits = read(held.capture["captured_hits"])[probes]
+    albedo = read(held.capture["captured_albedo"])[probes][..., :3].astype(np.float64)
+    found = read(held.capture["captured_emission"])[probes][..., :3].astype(np.float64)
+    certain = np.ones(hits.shape[:2], bool)
+    front = hits[..., 0] != 0xFFFFFFFF
+    u, v = (hits[front][:, 1] & 0xFFFF) / 65535, (hits[front][:, 1] >> 16) / 65535
+    at = surface(scene, hits[front][:, 0].astype(int), u, v)
+    lit = direct_irradiance(scene, frame, at.position, at.normal, at.geometric)
+    irradiance = lit.irradiance
+    if technique._settings.bounce_count != 1:
+        irradiance = irradiance + gather(technique, at.position, at.geometric, at.normal)
+    found[front] += albedo[front] / np.pi * irradiance
+    certain[front] = lit.certain
+    return found, certain
+
+
+def filtered_irradiance(radiance, side):
+    """(k, t, 3)."""
+    d = texel_directions(side)
+    weights = np.maximum(0, d @ d.T) * texel_solid_angles(side)
+    mean = np.einsum("tj,kjc->ktc", weights, radiance)
+    return np.pi * mean / weights.sum(axis=1)[None, :, None]
+
+
+def filtered_moments(moments, side, sharpness):
+    """(k, t, 2)."""
+    d = texel_directions(side)
+    weights = np.maximum(0, d @ d.T) ** sharpness
+    return np.einsum("tj,kjc->ktc", weights, moments) / weights.sum(axis=1)[None, :, None]
+
+
+def inner(maps):
+    """Maps (p, s + 2, s + 2, c) without their borders, (p, s * s, c)."""
+    side = maps.shape[1] - 2
+    return maps[:, 1:-1, 1:-1].reshape(len(maps), side * side, -1).astype(np.float64)
