@@ -48,16 +48,13 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
         {"grid": "perspective", "ray_guiding": True},
         {"depth_moments": False, "grid_cells": 14, "placement": "rays"},
     ],
-<<<<<<< HEAD
     "surfel-cache": [
         {"projection": "runtime", "sh_bands": 2},
         {"projection": "runtime", "sh_bands": 4, "exponent": 20.0},
     ],
     "ddgi": [{"average": "encoded"}],
-=======
     "irradiance-probes": [{"storage": "fp32", "bounces": "1"}, {"update": "static"}],
     "light-field-probes": [{"storage": "fp32", "bounces": "1"}, {"update": "static"}],
->>>>>>> 54da598 (Irradiance and light field probes: each pass against float64, declared work, simulator cases)
 }
 
 BAKES = [

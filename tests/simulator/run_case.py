@@ -67,14 +67,11 @@ SMALL = {
     "ray_budget": 400,
     "grid_cells": 6,
     "placement_chance": 1.0,
-<<<<<<< HEAD
     "links": 8,
     "caches": 40,
     "relaxation": 1,
-=======
     "capture_texels": 6,
     "map_texels": 10,  # as many texels as fill no whole group of 7 or 64
->>>>>>> 54da598 (Irradiance and light field probes: each pass against float64, declared work, simulator cases)
 }
 PROFILE = replace(load_profile("iphone7"), simd_width=1)
 MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))
