@@ -78,6 +78,11 @@ FILES = {
     "interpolation": ("interpolation-5.png",),
     "ray-budget": ("ray-budget.png", "ray-budget.svg", "ray-budget-samples.csv"),
     "convergence": ("convergence.png", "convergence-ms.png", "convergence-samples.csv"),
+    "surfel-links": ("surfel-links.png", "surfel-links.svg"),
+    "surfel-bands": (),
+    "surfel-frame": (),
+    "surfel-memory": (),
+    "surfel-density": ("surfel-density.png", "surfel-density.svg"),
 }
 
 

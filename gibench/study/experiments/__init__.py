@@ -12,6 +12,8 @@ from gibench.study.experiments import (
     receiver_reduction,
     scaling,
     sh_order,
+    surfel_density,
+    surfel_links,
 )
 from gibench.study.experiments.common import Experiment
 
@@ -26,6 +28,11 @@ EXPERIMENTS = {
         interpolation.EXPERIMENT,
         ray_budget.EXPERIMENT,
         convergence.EXPERIMENT,
+        surfel_links.LINKS,
+        surfel_links.BANDS,
+        surfel_links.FRAME,
+        surfel_density.MEMORY,
+        surfel_density.DENSITY,
     )
 }
 

@@ -94,9 +94,9 @@ class FramePasses:
             Pass(
                 "pull",
                 self._pull,
-                # Two children are decoded and added: three channels, each scaled twice.
+                # Two children are decoded, added and encoded: three channels, each four times.
                 Work(
-                    flops=nodes * 3.0 * 3,
+                    flops=nodes * 3.0 * 4,
                     bytes_read=(2 * s.surfels - 1) * 8.0,
                     bytes_written=nodes * 4.0,
                 ),

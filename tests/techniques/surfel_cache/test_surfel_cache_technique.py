@@ -15,6 +15,7 @@ from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.scene.model import Material, PointLight
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.surfel_cache import SPEC
+from gibench.techniques.surfel_cache.memory import HIGH, MODERATE, published_bytes
 
 PASSES = [
     "surfel_lighting",
@@ -149,3 +150,15 @@ def test_fewer_surfels_than_objects_are_refused():
     with pytest.raises(BadInput, match="9 surfels for the 11 objects"):
         SPEC.check(scene, SPEC.settings({"surfels": 9, "links": 1}))
     SPEC.check(scene, SPEC.settings({"surfels": 11, "links": 1}))
+
+
+def test_table_4_adds_up_to_what_was_published():
+    """At its own counts the high set-up's totals, to the hundredth of a MiB."""
+    assert published_bytes(*HIGH, stored=True) / 2**20 == pytest.approx(94.77, abs=0.005)
+    assert published_bytes(*HIGH, stored=False) / 2**20 == pytest.approx(36.64, abs=0.005)
+    # The moderate ones, 29.51 and 17.30, are both as much above its sums.
+    above = [
+        theirs - published_bytes(*MODERATE, stored=stored) / 2**20
+        for stored, theirs in ((True, 29.51), (False, 17.30))
+    ]
+    assert above[0] == pytest.approx(above[1], abs=0.01) and above[0] > 0.3
