@@ -142,9 +142,9 @@ def _memory_present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
             "`declared` is the closed form, `allocated` what the device holds. `table_4` sums "
             "table 4's bytes at its counts (128k as 128 000, 10k caches): it is the published "
             "total of the high set-up (94.77 MiB of 254 links in 4 bands, 36.64 MiB projected at "
-            "run time). The published moderate totals, 29.51 and 17.30 MiB, are both 0.38 MiB above "
-            "its sums at 32k surfels, 128 links and 3 bands, and the same with either kind of "
-            "link, so that links are not what is missing; nothing here is fitted to them.",
+            "run time). The published moderate totals, 29.51 and 17.30 MiB, are both 0.38 MiB "
+            "above its sums at 32k surfels, 128 links and 3 bands, and the same with either kind "
+            "of link, so that links are not what is missing; nothing here is fitted to them.",
             markdown(ok[shown], dict.fromkeys(shown[3:], ".2f")),
             theirs("section 5.3.1"),
         )

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from gibench.arrays import Doubles, Ints, Longs
 from gibench.techniques.surfel_cache.bake.data import Hierarchy, SurfelSet
+from gibench.techniques.surfel_cache.bake.surfels import query_threads
 
 NORMAL_WEIGHT: Final = 0.1
 """C_n of section 4.3."""
@@ -121,7 +122,8 @@ def _mutual_pairs(left: _Clusters) -> tuple[Longs, Longs]:
         axis=1,
     )
     own = np.arange(len(place))
-    near = cKDTree(place).query(place, min(_CANDIDATES + 1, len(place)), workers=-1)[1]
+    most = min(_CANDIDATES + 1, len(place))
+    near = cKDTree(place).query(place, most, workers=query_threads(len(place)))[1]
     near = np.asarray(near, np.int64)
     far = distance(
         left.centre[:, None], normal[:, None], left.size[:, None],

@@ -21,6 +21,8 @@ _TRIES = 64
 _NEIGHBOURS = 8
 # A surfel moves by at most this share of the spacing in one step.
 _STEP = 0.3
+# Points from which on their neighbours are looked for by all cores.
+_MANY = 10_000
 # Neighbours whose normals differ by more than 60 degrees lie on another surface.
 _SAME_SURFACE = 0.5
 
@@ -135,9 +137,14 @@ def relax(scene: Scene, surfels: SurfelSet, tracer: RayTracer, steps: int) -> Su
     return surfels
 
 
+def query_threads(points: int) -> int:
+    """Threads that look for the neighbours of so many points: few are found sooner by one."""
+    return -1 if points > _MANY else 1
+
+
 def _neighbours(points: Doubles, count: int) -> tuple[Doubles, Longs]:
     """Distances to the ``count`` - 1 nearest others of each point, and which those are."""
-    distance, other = cKDTree(points).query(points, count, workers=-1)
+    distance, other = cKDTree(points).query(points, count, workers=query_threads(len(points)))
     return np.asarray(distance)[:, 1:], np.asarray(other, np.int64)[:, 1:]
 
 
