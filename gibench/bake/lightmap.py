@@ -55,6 +55,8 @@ def lightmap_key(scene: Scene, receivers: int) -> str:
     if scene.cutouts is not None:
         arrays += scene.cutouts.arrays()
         digest.update(files("gibench.scene").joinpath("cutouts.py").read_bytes())
+    if scene.glow is not None:
+        arrays += scene.glow.arrays()
     for array in (*arrays, own):
         digest.update(f"{array.dtype.str} {array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -55,12 +55,16 @@ class HostProgram:
 
 
 @cache
-def host_program(group: int = GROUP, cutouts: bool = False) -> HostProgram:
+def host_program(
+    group: int = GROUP, cutouts: bool = False, glow: bool = False, normal_maps: bool = False
+) -> HostProgram:
     """The reference kernels, built once per process on the first CPU device.
 
     Args:
         group: work-items per group.
         cutouts: for scenes with cut-outs.
+        glow: for scenes with triangles that emit by images.
+        normal_maps: for shading by normal maps.
 
     Raises:
         CannotRun: no OpenCL runtime for the CPU is installed.
@@ -68,6 +72,8 @@ def host_program(group: int = GROUP, cutouts: bool = False) -> HostProgram:
     device = Device.unlimited(_cpu())
     lanes = device.vector_width
     defines = {"GROUP": group, "VEC": lanes, **({"CUTOUTS": 1} if cutouts else {})}
+    defines |= {"GLOW": 1} if glow else {}
+    defines |= {"NORMAL_MAPS": 1} if normal_maps else {}
     program = ProgramSpec("reference/path.cl", defines)
     return HostProgram(device, program, group, lanes)
 

@@ -1,8 +1,9 @@
 """What the reference path tracer needs to know to sample lights.
 
-Delta lights are all connected to. Emissive triangles are chosen by area times luminance, pixels of
-the environment by solid angle times luminance; both are weighted against cosine-distributed
-directions (multiple importance sampling), so a constant environment is not sampled at all.
+Delta lights are all connected to. Emissive triangles are chosen by area times luminance, those that
+emit by an image in pieces (``glow_pieces.py``), pixels of the environment by solid angle times
+luminance; both are weighted against cosine-distributed directions (multiple importance sampling),
+so a constant environment is not sampled at all.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles, Floats, Ints
+from gibench.reference.glow_pieces import glow_pieces
+from gibench.reference.luminance import luminance
+from gibench.scene.glow import Glow
 from gibench.scene.model import (
     DirectionalLight,
     Light,
@@ -23,8 +26,6 @@ from gibench.scene.model import (
     Scene,
 )
 
-# Rec. 709 luminance of linear RGB (ITU-R BT.709-6, item 3.2).
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 # KHR_lights_punctual bounds the cone's fade below by this difference of cosines.
 _LEAST_FADE = 0.001
 
@@ -37,11 +38,16 @@ class EmitterTable:
         triangle: (e,) int32 scene triangles; empty when nothing emits.
         table: (e,) float32 cumulative probability.
         density: (materials,) float32 density of samples per surface of each material, 1/m2.
+        pieces: (e, 3, 2) float32 corners of what is sampled of each, as weights of the triangle's
+            corners 1 and 2; empty without ``glow``, where all of it is sampled.
+        glow: uint32, as kernels_cl/reference/glow.cl has it; None where no image emits.
     """
 
     triangle: Ints = field(repr=False)
     table: Floats = field(repr=False)
     density: Floats = field(repr=False)
+    pieces: Floats = field(default_factory=lambda: np.empty((0, 3, 2), np.float32), repr=False)
+    glow: npt.NDArray[np.uint32] | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -65,11 +71,6 @@ class EnvironmentTable:
     edges: Floats = field(repr=False)
 
 
-def luminance(rgb: npt.NDArray[Any]) -> Doubles:
-    """Rec. 709 luminance (...) of linear RGB (..., 3)."""
-    return np.asarray(np.asarray(rgb, np.float64) @ LUMINANCE)
-
-
 def triangle_areas(corners: Floats) -> Doubles:
     """Areas (t,) of triangles (t, 3, 3), m2."""
     c = corners.astype(np.float64)
@@ -81,13 +82,36 @@ def emitter_table(scene: Scene) -> EmitterTable:
     """The scene's emissive triangles, chosen by area times luminance of the emission."""
     emission = np.array([m.emission for m in scene.materials], np.float64).reshape(-1, 3)
     strength = np.where((emission > 0).any(axis=1), luminance(emission), 0.0)
-    triangle = np.flatnonzero(strength[scene.material_ids] > 0)
+    shines = strength[scene.material_ids] > 0
+    if scene.glow is not None:
+        return _with_images(scene, scene.glow, strength, shines)
+    triangle = np.flatnonzero(shines)
     power = strength[scene.material_ids[triangle]] * triangle_areas(scene.corners[triangle])
     total = power.sum()
     table = np.cumsum(power) / total if len(power) else power
     density = strength / total if len(power) else np.zeros_like(strength)
     return EmitterTable(
         triangle.astype(np.int32), table.astype(np.float32), density.astype(np.float32)
+    )
+
+
+def _with_images(
+    scene: Scene, glow: Glow, strength: Doubles, shines: npt.NDArray[np.bool_]
+) -> EmitterTable:
+    """The emitters of a scene in which images emit: whole triangles, then the pieces of others."""
+    shines[glow.triangle] = False
+    plain = np.flatnonzero(shines)
+    areas = triangle_areas(scene.corners)
+    pieces = glow_pieces(glow, areas[glow.triangle])
+    power = np.concatenate((strength[scene.material_ids[plain]] * areas[plain], pieces.power))
+    total = float(power.sum()) or 1.0
+    whole = np.broadcast_to(np.array(((0, 0), (1, 0), (0, 1)), np.float32), (len(plain), 3, 2))
+    return EmitterTable(
+        np.concatenate((plain, glow.triangle[pieces.row])).astype(np.int32),
+        (np.cumsum(power) / total).astype(np.float32),
+        (strength / total).astype(np.float32),
+        np.concatenate((whole, pieces.corners)).astype(np.float32),
+        pieces.packed(glow, len(scene.triangles), total),
     )
 
 

@@ -18,10 +18,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.errors import BadInput, CannotRun
-from gibench.reference.lights import (
-    LUMINANCE,
-    luminance,
-)
+from gibench.reference.luminance import LUMINANCE, luminance
 
 Array = npt.NDArray[Any]
 Mask = npt.NDArray[np.bool_]

@@ -18,6 +18,7 @@ from gibench.arrays import Floats
 from gibench.errors import BadInput
 from gibench.reference.camera import image_plane
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.glow import Glow
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
@@ -33,6 +34,8 @@ from gibench.scene.model import (
 # glTF's spot fades by the square of a ramp in the cosine, Mitsuba's linearly in the angle: only
 # a hard edge, narrower than this, is the same in both (radians).
 _HARD_EDGE = 2e-3
+# Coordinates of two images are the same when they differ by less, but for whole repetitions.
+_SAME_UV = 1e-4
 
 
 def write_mitsuba(
@@ -65,7 +68,8 @@ def write_mitsuba(
 
     Raises:
         BadInput: a camera that makes no image, a spot light with a soft edge, which Mitsuba has no
-            emitter for, a cut-out that glows, or one whose mask and image differ in coordinates.
+            emitter for, a cut-out that glows, or a surface two of whose images differ in
+            coordinates.
     """
     image_plane(camera, width, height)
     folder.mkdir(parents=True, exist_ok=True)
@@ -79,6 +83,9 @@ def write_mitsuba(
         if scene.cutouts is not None:
             _cut_out_shapes(root, folder, scene, scene.cutouts, number)
             mine[scene.cutouts.triangle] = False
+        if scene.glow is not None:
+            _glowing_shapes(root, folder, scene, scene.glow, mine)
+            mine[scene.glow.triangle] = False
         triangles = scene.triangles[mine]
         if len(triangles):
             file = folder / f"material{number}.ply"
@@ -160,12 +167,43 @@ def _cut_out_shapes(
         _shape(root, file, material, scene.textures, image)
 
 
+def _glowing_shapes(
+    root: ET.Element, folder: Path, scene: Scene, glow: Glow, mine: npt.NDArray[np.bool_]
+) -> None:
+    """The triangles ``mine`` (t,) of a material that emit by images, a shape for each image."""
+    for place, image in enumerate(glow.images):
+        rows = np.flatnonzero((glow.image == place) & mine[glow.triangle])
+        if not len(rows):
+            continue
+        number = int(scene.material_ids[glow.triangle[rows[0]]])
+        material = scene.materials[number]
+        corners, uvs = scene.triangles[glow.triangle[rows]], glow.uvs[rows]
+        off = scene.uvs[corners] - uvs
+        if material.texture >= 0 and np.abs(off - np.round(off[:, :1])).max() > _SAME_UV:
+            raise BadInput(
+                f"the images of colour and emission of {material.name} have coordinates of their "
+                "own, which has no counterpart in Mitsuba",
+                mend="give them the same coordinates",
+            )
+        file = folder / f"material{number}-glow{place}.ply"
+        flat = corners.reshape(-1)
+        _write_ply(
+            file=file,
+            positions=scene.positions[flat],
+            normals=scene.normals[flat],
+            uvs=uvs.reshape(-1, 2),
+            corner=np.arange(len(flat)),
+        )
+        _shape(root, file, material, scene.textures, glow=image)
+
+
 def _shape(
     root: ET.Element,
     file: Path,
     material: Material,
     textures: tuple[Texture, ...],
     mask: npt.NDArray[np.bool_] | None = None,
+    glow: Floats | None = None,
 ) -> None:
     shape = ET.SubElement(root, "shape", type="ply")
     _value(shape, "string", "filename", file.name)
@@ -192,7 +230,14 @@ def _shape(
         _value(bitmap, "boolean", "raw", "true")
     if max(material.emission) > 0:
         emitter = ET.SubElement(shape, "emitter", type="area")
-        _value(emitter, "rgb", "radiance", _list(material.emission))
+        if glow is None:
+            _value(emitter, "rgb", "radiance", _list(material.emission))
+            return
+        radiance = file.with_suffix(".glow.pfm")
+        _write_pfm(radiance, glow)
+        bitmap = ET.SubElement(emitter, "texture", type="bitmap", name="radiance")
+        _value(bitmap, "string", "filename", radiance.name)
+        _value(bitmap, "boolean", "raw", "true")
 
 
 def _light(root: ET.Element, light: Light) -> None:

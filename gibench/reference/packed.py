@@ -38,6 +38,7 @@ class PackedScene:
         environment: (h, w, 3) float32.
         environment_table: how to sample it.
         cutouts: uint32, as kernels_cl/common/cutout.cl has it, or None where nothing is cut away.
+        normal_maps: uint32, as kernels_cl/common/normal_map.cl has it, or None for no use of them.
     """
 
     triangles: Floats = field(repr=False)
@@ -49,6 +50,7 @@ class PackedScene:
     environment: Floats = field(repr=False)
     environment_table: EnvironmentTable
     cutouts: Words | None = field(default=None, repr=False)
+    normal_maps: Words | None = field(default=None, repr=False)
 
     @property
     def has_area_light(self) -> bool:
@@ -73,8 +75,8 @@ class PackedFragments:
     triangle: Ints = field(repr=False)
 
 
-def pack_scene(scene: Scene, frame: int) -> PackedScene:
-    """Pack ``scene`` with its lights at ``frame``.
+def pack_scene(scene: Scene, frame: int, normal_maps: bool = False) -> PackedScene:
+    """Pack ``scene`` with its lights at ``frame``, and its normal maps where they are asked for.
 
     Raises:
         BadInput: the scene has no triangles, or holds a colour that is negative or not finite.
@@ -120,6 +122,9 @@ def pack_scene(scene: Scene, frame: int) -> PackedScene:
         np.ascontiguousarray(scene.environment.pixels, np.float32),
         environment_table(scene.environment.pixels),
         None if scene.cutouts is None else scene.cutouts.packed(len(scene.triangles)),
+        scene.normal_maps.packed(len(scene.triangles))
+        if normal_maps and scene.normal_maps is not None
+        else None,
     )
 
 

@@ -3,6 +3,9 @@
 **Indirect irradiance** is all irradiance that does not come straight from a delta light: bounced
 light, light of emissive surfaces and of the environment. Cosines are taken to the interpolated
 shading normal; nothing arrives from below the triangle itself, and backs of triangles are black.
+With normal maps, where they are asked for, the cosine at a receiver, or at what the camera sees, is
+taken to the mapped normal, and still nothing arrives from below the triangle; one that faces the
+back is not used, and no later bounce uses any (``kernels_cl/common/normal_map.cl``).
 Which side is the back is the triangle's winding alone: a renderer that also asks the shading normal
 (Mitsuba does) is darker along the silhouettes of coarse smooth meshes.
 
@@ -89,6 +92,7 @@ def reference_irradiance(
     target_error: float | None = None,
     paths: int | None = None,
     seed: int = 1,
+    normal_maps: bool = False,
     store_dir: Path | None = None,
     progress: Advance | None = None,
 ) -> Reference:
@@ -107,6 +111,7 @@ def reference_irradiance(
         paths: per receiver, rounded up to whole rounds; 256 by default, or as many as the target
             error needs, at most 65536. More than asked for are returned when they are in the store.
         seed: of the randomisation.
+        normal_maps: cosines are taken to the mapped normal where a receiver has one.
         store_dir: keep rounds here and go on from what is there; None keeps nothing.
         progress: called with the number of paths just traced; None shows a bar.
 
@@ -125,7 +130,10 @@ def reference_irradiance(
     start = ReceiverStart(pack_fragments(lightmap.fragments))
     of_start = {"what": "irradiance", "receivers": _receivers_hash(lightmap)}
     plan = _plan(paths, target_error, start.owners)
-    rounds, key = _traced(scene, start, of_start, frame, bounces, seed, plan, store_dir, progress)
+    bent = normal_maps and scene.normal_maps is not None
+    rounds, key = _traced(
+        scene, start, of_start, frame, bounces, seed, plan, store_dir, progress, bent
+    )
     return _reference(rounds, plan, key, math.pi, rounds.mean.shape)
 
 
@@ -142,6 +150,7 @@ def reference_image(
     target_error: float | None = None,
     paths: int | None = None,
     seed: int = 1,
+    normal_maps: bool = False,
     store_dir: Path | None = None,
     progress: Advance | None = None,
 ) -> Reference:
@@ -161,6 +170,7 @@ def reference_image(
         target_error: as in :func:`reference_irradiance`, and so are the rest.
         paths: per pixel.
         seed: of the randomisation.
+        normal_maps: what the camera sees is shaded with its mapped normal.
         store_dir: keep rounds here and go on from what is there.
         progress: called with the number of paths just traced; None shows a bar.
 
@@ -181,7 +191,10 @@ def reference_image(
         "receivers": hashlib.sha256(plane.tobytes()).hexdigest(),
     }
     plan = _plan(paths, target_error, start.owners)
-    rounds, key = _traced(scene, start, of_start, frame, bounces, seed, plan, store_dir, progress)
+    bent = normal_maps and scene.normal_maps is not None
+    rounds, key = _traced(
+        scene, start, of_start, frame, bounces, seed, plan, store_dir, progress, bent
+    )
     scale = math.pi if irradiance else 1.0
     return _reference(rounds, plan, key, scale, (height, width, 3))
 
@@ -210,6 +223,7 @@ def _traced(
     plan: _Plan,
     folder: Path | None,
     advance: Advance | None,
+    normal_maps: bool,
 ) -> tuple[store.Rounds, store.Key]:
     lights = repr(scene.lights_at(frame))
     key: store.Key = {
@@ -221,11 +235,15 @@ def _traced(
         "seed": seed,
         "paths_per_round": plan.per_round,
     }
+    if normal_maps and scene.normal_maps is not None:
+        key = {**key, "normal maps": scene.normal_maps.content_hash()}
     held = None if folder is None else store.load(folder, key, start.owners)
     rounds = held or store.Rounds.none(start.owners)
     if _done(rounds, plan):
         return rounds, key
-    wavefront = Wavefront(pack_scene(scene, frame), scene_tracer(scene), start, bounces)
+    wavefront = Wavefront(
+        pack_scene(scene, frame, normal_maps), scene_tracer(scene), start, bounces
+    )
     wavefront.work = rounds.work
     total = (plan.rounds - rounds.count) * start.owners * plan.per_round
     with progress_bar(f"path tracing {scene.name}", total) as bar:

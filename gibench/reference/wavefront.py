@@ -101,7 +101,11 @@ class Wavefront:
         bounces: int | None,
         wave_paths: int = WAVE_PATHS,
     ) -> None:
-        self.program: HostProgram = host_program(cutouts=scene.cutouts is not None)
+        self.program: HostProgram = host_program(
+            cutouts=scene.cutouts is not None,
+            glow=scene.emitters.glow is not None,
+            normal_maps=scene.normal_maps is not None,
+        )
         self.tracer = tracer
         self.start = start
         self.last_vertex = UNLIMITED if bounces is None else bounces
@@ -141,6 +145,14 @@ class Wavefront:
         self._cutouts: tuple[Argument, ...] = ()
         if scene.cutouts is not None:
             self._cutouts = (reads("cutouts", share(scene.cutouts)),)
+        self._glow: tuple[Argument, ...] = ()
+        self._pieces: tuple[Argument, ...] = ()
+        if scene.emitters.glow is not None:
+            self._glow = (reads("glow", share(scene.emitters.glow)),)
+            self._pieces = (reads("emitter_pieces", share(scene.emitters.pieces)),)
+        self._normal_maps: tuple[Argument, ...] = ()
+        if scene.normal_maps is not None:
+            self._normal_maps = (reads("normal_maps", share(scene.normal_maps)),)
         self._start: tuple[Argument, ...]
         if isinstance(start, ReceiverStart):
             f = start.fragments
@@ -203,6 +215,7 @@ class Wavefront:
                 *q.drawn_before,
                 *path_state,
                 *at.reached,
+                *self._normal_maps,
             )
             self._go_on(q, at, count, vertex, which)
         else:
@@ -297,6 +310,8 @@ class Wavefront:
             writes("ray_limit", q.shadow_limit),
             updates("rays", q.counter),
             *self._cutouts,
+            *self._glow,
+            *self._pieces,
         )
         self.program.queue.finish()
         rays = int(q.counter.array[0])
@@ -361,6 +376,8 @@ class Wavefront:
             updates("collected", q.collected),
             *after.reached,
             updates("vertices", q.counter),
+            *self._glow,
+            *self._normal_maps,
         )
         self.program.queue.finish()
         return int(q.counter.array[0])

@@ -18,6 +18,8 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats, Ints, Vec3
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.glow import Glow
+from gibench.scene.normal_maps import NormalMaps
 from gibench.scene.poses import Motion
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
@@ -46,7 +48,7 @@ class Material:
     Attributes:
         name: as in the file.
         base_color: diffuse albedo, times the texture where there is one.
-        emission: emitted radiance, W/m2/sr.
+        emission: emitted radiance, W/m2/sr; the mean over triangles that emit by an image.
         texture: index into ``Scene.textures``, or -1.
         emission_map: name of the image that emission was multiplied with, or "".
         alpha_mode: "opaque", "mask" (cut out where alpha is under the cutoff) or "blend".
@@ -303,6 +305,8 @@ class Scene:
             the file lies far from its own (``readers/recentre.py``).
         cutouts: what alpha masks cut away of its triangles, or None.
         dimmer: of its lights, or None; what glows and the environment stay as they are.
+        glow: its triangles that emit by an image, or None.
+        normal_maps: its triangles that have one, or None; no result depends on them unless asked.
     """
 
     name: str
@@ -327,6 +331,8 @@ class Scene:
     origin: Vec3 = BLACK
     cutouts: Cutouts | None = field(default=None, repr=False)
     dimmer: Dimmer | None = field(default=None, repr=False)
+    glow: Glow | None = field(default=None, repr=False)
+    normal_maps: NormalMaps | None = field(default=None, repr=False)
 
     @property
     def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -381,3 +387,5 @@ def _arrays(scene: Scene) -> Iterator[npt.NDArray[Any]]:
         yield scene.probes.positions
     yield scene.environment.pixels
     yield from (texture.pixels for texture in scene.textures)
+    if scene.glow is not None:
+        yield from scene.glow.arrays()

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.measure.runfolder.folder import write_atomically
-from gibench.reference.lights import luminance
+from gibench.reference.luminance import luminance
 from gibench.report.images import file_name, png, tone_map
 from gibench.report.plots import Picture, panel
 from gibench.study.errors import Truth

@@ -8,6 +8,7 @@
 
 #include "common/vec.cl"
 #include "common/bvh.cl"
+#include "common/glow.cl"
 
 // positions, normals   (v, 3) per vertex        uvs         (v, 2) per vertex, v upwards
 // triangles            (t, 3) vertex indices    material_ids (t,)
@@ -16,6 +17,7 @@
 //                      without texture
 // texels               sRGB-encoded colours of all textures, rows from the top
 // srgb_to_linear       (256,) what an encoded byte means
+// glow                 only where GLOW=1, see common/glow.cl
 // SHAPE_PARAMS is what tells a surface's shape alone.
 #define SHAPE_PARAMS                                                     \
     __global const float *positions, __global const float *normals, \
@@ -25,10 +27,10 @@
     __global const float *positions, __global const float *normals, __global const float *uvs, \
         __global const int *triangles, __global const int *material_ids,                       \
         __global const float *materials, __global const int *material_textures,                \
-        __global const uchar4 *texels, __global const float *srgb_to_linear
+        __global const uchar4 *texels, __global const float *srgb_to_linear GLOW_PARAM
 #define SURFACE_ARGS                                                                        \
     positions, normals, uvs, triangles, material_ids, materials, material_textures, texels, \
-        srgb_to_linear
+        srgb_to_linear GLOW_ARG
 
 typedef struct {
     float3 position;         // m, interpolated from the corners (more exact than along the ray)
@@ -99,6 +101,9 @@ inline Surface surface_at(SURFACE_PARAMS, Hit hit)
     const int id = material_ids[hit.triangle];
     s.albedo = material_color(materials, id, MATERIAL_BASE_COLOR);
     s.emission = material_color(materials, id, MATERIAL_EMISSION);
+#if GLOW
+    s.emission = glow_at(glow, hit.triangle, hit.u, hit.v, s.emission);
+#endif
     const int3 image = material_texture(material_textures, id, MATERIAL_BASE_COLOR_TEXTURE);
     if (image.x >= 0) {
         const int3 c = vload3(hit.triangle, triangles);

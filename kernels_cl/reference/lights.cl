@@ -2,6 +2,7 @@
 #ifndef GIBENCH_REFERENCE_LIGHTS
 #define GIBENCH_REFERENCE_LIGHTS
 #include "common/cutout.cl"
+#include "reference/glow.cl"
 #include "reference/sampler.cl"
 #include "reference/surface.cl"
 
@@ -74,11 +75,16 @@ inline Connection connect_delta(__global const float *light, float3 point, float
 inline Connection connect_emitter(__global const float *triangles, __global const float *materials,
                                   __global const int *emitters, __global const float *table,
                                   int count, float2 random, float3 point,
-                                  float3 normal CUTOUT_PARAM)
+                                  float3 normal CUTOUT_PARAM GLOW_PARAM PIECE_PARAM)
 {
     const int i = find_interval(table, count, random.x);
     const float r = sqrt(within_interval(table, i, random.x));
+#if GLOW
+    const float2 at = in_piece(emitter_pieces, i, r * (1.0f - random.y), r * random.y);
+    const float u = at.x, v = at.y;
+#else
     const float u = r * (1.0f - random.y), v = r * random.y;
+#endif
     const Surface s = surface_at(triangles, emitters[i], u, v);
     __global const float *material = materials + s.material * MATERIAL_FLOATS;
     const float3 to = leave_surface(s.point, s.geometric) - point;
@@ -88,10 +94,15 @@ inline Connection connect_emitter(__global const float *triangles, __global cons
     c.direction = to / c.distance;
     const float cosine = dot(normal, c.direction);
     const float facing = -dot(s.geometric, c.direction);
-    if (cosine > 0.0f && facing > 0.0f && squared > 0.0f) {
-        const float by_light = material[7] * squared / facing;
+    float density = material[7];
+    float3 emission = load3(material, 1);
+#if GLOW
+    glow_at(glow, emitters[i], u, v, &emission, &density);
+#endif
+    if (cosine > 0.0f && facing > 0.0f && squared > 0.0f && density > 0.0f) {
+        const float by_light = density * squared / facing;
         const float by_cosine = cosine * INV_PI_F;
-        c.weight = load3(material, 1) *
+        c.weight = emission *
                    (by_cosine * power_heuristic(by_light, by_cosine) / by_light);
     } else {
         c.weight = (float3)(0.0f);

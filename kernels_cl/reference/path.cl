@@ -4,7 +4,9 @@
 // Macros: GROUP, work-items per group; every launch is rounded up to whole groups. VEC, vertices that a
 // work-item of `draw_starts` and `scatter` treats at once: all random numbers are drawn there, in
 // vectors, as drawing one takes more operations than most of what it is used for. CUTOUTS: see
-// common/cutout.cl.
+// common/cutout.cl. GLOW: see reference/glow.cl.
+// NORMAL_MAPS: see common/normal_map.cl; the first surface of a path, a receiver's or what the camera
+// sees, is shaded with its mapped normal, those after it with the interpolated one.
 //
 // A wave is a run of consecutive paths; path p of it belongs to owner `first + p / samples` (a
 // receiver or a pixel) and is sample p % samples of that owner. Per path: throughput and what it
@@ -18,6 +20,7 @@
 #include "reference/sampler.cl"
 #include "reference/surface.cl"
 #include "reference/lights.cl"
+#include "common/normal_map.cl"
 
 // After this many vertices paths end by chance; at most this share of them goes on.
 #define ROULETTE_AFTER 3
@@ -147,7 +150,7 @@ void start_at_receivers(
     uint stride, __global const float *drawn,
     __global float *throughput, __global float *collected,
     __global float *origin, __global float *shading, __global float *geometric,
-    __global int *path)
+    __global int *path NORMAL_MAP_PARAM)
 {
     const uint p = get_global_id(0);
     if (p >= count)
@@ -168,7 +171,10 @@ void start_at_receivers(
     const float3 q = point - load3(t, 0), n = cross(e1, e2);
     const float u = clamp(dot(cross(q, e2), n) / dot(n, n), 0.0f, 1.0f);
     const float v = clamp(dot(cross(e1, q), n) / dot(n, n), 0.0f, 1.0f - u);
-    const Surface s = surface_at(triangles, fragment_triangle[f], u, v);
+    Surface s = surface_at(triangles, fragment_triangle[f], u, v);
+#if NORMAL_MAPS
+    s.shading = mapped_normal(normal_maps, fragment_triangle[f], u, v, s.shading, s.geometric);
+#endif
     store3(throughput, p, (float3)(1.0f));
     store3(collected, p, (float3)(0.0f));
     store3(origin, p, leave_surface(s.point, s.geometric));
@@ -222,7 +228,7 @@ void connect(
     __global const int *path,
     __global int *ray_of, __global float *weight,
     __global float *ray_origin, __global float *ray_direction, __global float *ray_limit,
-    volatile __global int *rays CUTOUT_PARAM)
+    volatile __global int *rays CUTOUT_PARAM GLOW_PARAM PIECE_PARAM)
 {
     __local int in_group, group_base;
     const uint i = get_global_id(0);
@@ -243,7 +249,8 @@ void connect(
             c = connect_delta(lights + light * LIGHT_FLOATS, point, n);
         else if (light == delta_lights && emitter_count)
             c = connect_emitter(triangles, materials, emitters, emitter_table, (int)emitter_count,
-                                drawn_pair(drawn, stride, DRAWN_EMITTER, v), point, n CUTOUT_ARG);
+                                drawn_pair(drawn, stride, DRAWN_EMITTER, v), point, n
+                                CUTOUT_ARG GLOW_ARG PIECE_ARG);
         else
             c = connect_environment(environment, environment_density_, environment_rows,
                                     environment_columns, environment_edges, width, height,
@@ -306,7 +313,7 @@ void shade(
     __global const int *ray_path, uint stride, __global const float *drawn,
     __global float *throughput, __global float *collected,
     __global float *origin, __global float *shading, __global float *geometric,
-    __global int *path, volatile __global int *vertices)
+    __global int *path, volatile __global int *vertices GLOW_PARAM NORMAL_MAP_PARAM)
 {
     __local int in_group, group_base;
     const uint i = get_global_id(0);
@@ -335,16 +342,26 @@ void shade(
             }
         } else {
             s = surface_at(triangles, triangle, hit_u[i], hit_v[i]);
+#if NORMAL_MAPS
+            if (from_camera)
+                s.shading = mapped_normal(normal_maps, triangle, hit_u[i], hit_v[i], s.shading,
+                                          s.geometric);
+#endif
             const float facing = -dot(s.geometric, d);
             if (facing > 0.0f) {
                 __global const float *material = materials + s.material * MATERIAL_FLOATS;
-                if (material[7] > 0.0f && from_camera != 1) {
+                float emitter_density = material[7];
+                float3 emission = load3(material, 1);
+#if GLOW
+                glow_at(glow, triangle, hit_u[i], hit_v[i], &emission, &emitter_density);
+#endif
+                if (emitter_density > 0.0f && from_camera != 1) {
                     float w = 1.0f;
                     if (!from_camera) {
                         const float t = hit_distance[i];
-                        w = power_heuristic(by_cosine, material[7] * t * t / facing);
+                        w = power_heuristic(by_cosine, emitter_density * t * t / facing);
                     }
-                    store3(collected, p, load3(collected, p) + w * carried * load3(material, 1));
+                    store3(collected, p, load3(collected, p) + w * carried * emission);
                 }
                 if (vertex <= last_vertex) {
                     float3 albedo = (float3)(1.0f);

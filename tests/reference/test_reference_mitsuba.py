@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.cut_scenes import CAMERA, leaves
+from support.glow_scenes import sign
 from support.reference_scenes import DARK, box, plain_texture, quad, scene_of, sphere
 
 from gibench.errors import BadInput
@@ -191,6 +192,22 @@ def test_cut_outs(tmp_path, rng):
         write_mitsuba(tmp_path, glowing, CAMERA, 4, 4)
     with pytest.raises(BadInput, match="coordinates of their own"):
         write_mitsuba(tmp_path, uvs, CAMERA, 4, 4)
+
+
+def test_a_glowing_sign(tmp_path, rng):
+    """A wall that emits by an image with sparks, over an image of its own."""
+    pixels = rng.random((6, 8, 3)) ** 3
+    pixels[2, 3] *= 200
+    walls, lamp = box()[2:], Material("wall", (0.7, 0.6, 0.5))
+    scene = sign(pixels, (0, 0, 0), (1, 0, 0), (0, 1, 0), walls, materials=(lamp,))
+    camera = Camera((0.4, 0.5, 0.9), (0.5, 0.45, 0.0), 80.0)
+    agree(tmp_path, scene, camera, None)
+    assert (tmp_path / "scene.xml").read_text().count('name="radiance"') == 2
+    spots = Texture("spots", rng.random((4, 4, 3)).astype(np.float32))
+    painted = tuple(replace(m, base_color=(1.0, 1.0, 1.0), texture=0) for m in scene.materials)
+    scene = replace(scene, materials=painted, textures=(spots,))
+    with pytest.raises(BadInput, match="coordinates of their own"):
+        write_mitsuba(tmp_path, scene, camera, 4, 4)
 
 
 def test_the_comparison_can_fail(tmp_path):

@@ -97,6 +97,16 @@ MOVING = [
 ]
 OTHERS = [
     Case(what, *sizes)
-    for what in ("roofs", "rays", "reference", "cut_rays", "cut_frames", "cut_reference")
+    for what in (
+        "roofs",
+        "rays",
+        "reference",
+        "cut_rays",
+        "cut_frames",
+        "cut_reference",
+        "glow_frames",
+        "glow_reference",
+        "bumpy_reference",
+    )
     for sizes in SIZES
 ]

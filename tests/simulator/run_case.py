@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from cases import Case
 from recording import record_kernels
 from support.cut_scenes import cut_at_random
+from support.glow_scenes import bumpy, glowing
 from support.made import made as create
 from support.reference_scenes import lightmap_of, random_scene
 
@@ -231,12 +232,39 @@ def cut_frames(case: Case, cache: Path) -> None:
     assert count_rays(frame.device, camera_launch(frame), case.size).closest == width * height
 
 
+def glow_reference(case: Case, cache: Path) -> None:
+    """Paths where images emit: cut into cells, and evenly."""
+    rng = np.random.default_rng(0)
+    paths_of(case, glowing(random_scene(rng), rng))
+
+
+def bumpy_reference(case: Case, cache: Path) -> None:
+    """Paths from surfaces with normal maps."""
+    rng = np.random.default_rng(0)
+    paths_of(case, bumpy(random_scene(rng), rng))
+
+
+def glow_frames(case: Case, cache: Path) -> None:
+    """Images of surfaces that emit by images, by single rays and packets."""
+    scene = glowing(build("cornell-box"), np.random.default_rng(1))
+    width, height = SHAPE_OF_OTHERS[1:]
+    frame = FrameScene(Device(PROFILE), scene, width, height, scene.cameras[0])
+    for packets in (False, True):
+        assert np.isfinite(rendered(frame, case.size, packets=packets)).all()
+
+
 def paths_of(case: Case, scene: Scene) -> None:
     host_cl._cpu = lambda: list_devices()[0]  # the simulator does not say that it is a CPU
-    held = host_cl.host_program(case.size, cutouts=scene.cutouts is not None)
+    held = host_cl.host_program(
+        case.size,
+        cutouts=scene.cutouts is not None,
+        glow=scene.glow is not None,
+        normal_maps=scene.normal_maps is not None,
+    )
     telling = TellingProgram(held.device, held.program, held.group)
     wavefront.host_program = lambda **options: telling
-    packed, tracer = pack_scene(scene, 0), EmbreeTracer(scene.corners, cutouts=scene.cutouts)
+    packed = pack_scene(scene, 0, normal_maps=True)
+    tracer = EmbreeTracer(scene.corners, cutouts=scene.cutouts)
     plane = image_plane(Camera((0.5, 0.5, 0.9), (0.5, 0.4, 0.0)), 5, 4)
     starts = (
         ReceiverStart(pack_fragments(lightmap_of(scene, range(12)).fragments)),

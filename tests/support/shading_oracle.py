@@ -9,6 +9,7 @@ import numpy as np
 from gibench.device import Device
 from gibench.profiles import load_profile
 from gibench.rays.embree import EmbreeTracer
+from gibench.scene.glow import decoded, shared_exponents
 from gibench.scene.model import DirectionalLight, PointLight, Scene, SpotLight
 
 
@@ -176,6 +177,14 @@ def render(scene: Scene, frame: int, width: int, height: int, lightmap=None, val
             tx = uv[mine, 0] * image.shape[1] - 0.5
             ty = (1 - uv[mine, 1]) * image.shape[0] - 0.5
             albedo[mine] *= bilinear(image, tx, ty, wrap=True)
+    if scene.glow is not None:
+        rows = scene.glow.rows(len(scene.triangles))[triangle]
+        for i, pixels in enumerate(scene.glow.images):
+            mine = np.flatnonzero((rows >= 0) & (scene.glow.image[rows] == i))
+            image = decoded(*shared_exponents(pixels)).reshape(pixels.shape)
+            at = np.einsum("nk,nkd->nd", weights[mine], scene.glow.uvs[rows[mine]].astype(float))
+            tx, ty = at[:, 0] * image.shape[1] - 0.5, (1 - at[:, 1]) * image.shape[0] - 0.5
+            emission[mine] = bilinear(image, tx, ty, wrap=True)
     front = (np.einsum("ij,ij->i", geometric, d[hit]) < 0)[:, None]
     lit = direct_irradiance(scene, frame, position, normal, geometric)
     certain[hit] &= lit.certain | ~front[:, 0]

@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.glow_scenes import glowing
 from support.made import check_memory, made
 from support.shading_oracle import open_device, render
 from support.synthetic_bake import random_lightmap, random_scene
 
 from gibench.device import Launch, ProgramSpec, RayCounts, count_rays, integer, updates
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
-from gibench.techniques.parts.camera_pass import camera_launch
+from gibench.techniques.parts.camera_pass import camera_launch, rendered
+from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.macros import TILE_SIDE
 from gibench.techniques.registry import BakeContext, find_technique
 from gibench.techniques.technique import Pass, Technique
@@ -43,6 +45,21 @@ def test_frame_is_the_direct_light(direct):
     assert direct.indirect_irradiance().shape == (100, 3)
     assert not direct.indirect_irradiance().any()
     assert direct.counts() == {"receivers": 100}
+
+
+@pytest.mark.parametrize("size", [16, 50])
+@pytest.mark.parametrize("packets", [False, True])
+def test_surfaces_that_emit_by_images(rng, size, packets):
+    """Bilinear, repeating, of any brightness, in kernels that read single rays and packets."""
+    scene = glowing(random_scene(rng), rng, share=1.0, images=((3, 5), (33, 16)))
+    frame = FrameScene(open_device(), scene, 40, 30, scene.cameras[0])
+    frame.begin_frame(17)
+    image = rendered(frame, size, packets=packets)
+    expected = render(scene, 17, 40, 30)
+    sure = expected.certain
+    np.testing.assert_allclose(image[sure], expected.direct[sure], rtol=1e-3, atol=0.02)
+    dark = render(replace(scene, glow=None), 17, 40, 30)
+    assert (np.abs(dark.direct - expected.direct) > 0.05).any(axis=2).mean() > 0.01
 
 
 def test_lights_move_with_the_frame(direct):

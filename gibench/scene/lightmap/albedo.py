@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gibench.arrays import Doubles, Floats, Longs
+from gibench.scene.lightmap.raster import clip
 from gibench.scene.model import Scene
 
 # A piece that covers more pixels than this at full resolution is averaged over halved images.
@@ -98,3 +99,57 @@ def bilinear(image: Doubles, uv: Doubles) -> Doubles:
     top = image[rows[0], columns[0]] * (1 - fx) + image[rows[0], columns[1]] * fx
     bottom = image[rows[1], columns[0]] * (1 - fx) + image[rows[1], columns[1]] * fx
     return np.asarray(top * (1 - fy) + bottom * fy)
+
+
+# Triangles that cover more texels than this are averaged by samples.
+_MOST_EXACT = 1 << 22
+
+
+def covered_mean(pixels: Floats, uvs: Doubles) -> Doubles:
+    """Mean (m, 3) of a repeated, bilinear image over triangles ``uvs`` (m, 3, 2): the integral.
+
+    Between the centres of texels a bilinear image is a polynomial of second degree, whose mean over
+    a triangle is that over the middles of its sides; so triangles are cut along lines through the
+    centres. Those without an area in the image, and those that cover millions of texels, are
+    averaged over samples (:func:`mean_texture`).
+    """
+    height, width = pixels.shape[:2]
+    image = pixels.astype(np.float64)
+    at = np.stack((uvs[..., 0] * width - 0.5, (1.0 - uvs[..., 1]) * height - 0.5), axis=-1)
+    spans = np.ptp(at, axis=1) + 1
+    exact = spans.prod(axis=1) <= _MOST_EXACT
+    sums, shares = np.zeros((len(uvs), 3)), np.zeros(len(uvs))
+    chosen = np.flatnonzero(exact)
+    for pieces in clip(at[chosen]):
+        owner, b = chosen[pieces.triangle], pieces.barycentric
+        e, f = b[:, 1, 1:] - b[:, 0, 1:], b[:, 2, 1:] - b[:, 0, 1:]
+        share = np.abs(e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0])
+        for i in range(3):
+            middle = np.einsum("mc,mcx->mx", (b[:, i] + b[:, i - 1]) / 2, uvs[owner])
+            np.add.at(sums, owner, bilinear(image, middle) * (share / 3)[:, None])
+        np.add.at(shares, owner, share)
+    # Of all, so that what clipping leaves out is like the rest.
+    found = shares > 0.5
+    result = np.empty((len(uvs), 3))
+    result[found] = sums[found] / shares[found, None]
+    if not found.all():
+        result[~found] = mean_texture(pixels, uvs[~found])
+    return result
+
+
+def mean_emission(scene: Scene, triangle: Longs, barycentric: Doubles) -> Doubles:
+    """Emitted radiance (m, 3) averaged over pieces of the scene's triangles, as
+    :func:`mean_albedo`.
+    """
+    emission = np.array([m.emission for m in scene.materials], np.float64)
+    found = emission[scene.material_ids[triangle]]
+    if scene.glow is not None:
+        rows = scene.glow.rows(len(scene.triangles))[triangle]
+        mine = np.flatnonzero(rows >= 0)
+        uvs = barycentric[mine] @ scene.glow.uvs[rows[mine]].astype(np.float64)
+        image = scene.glow.image[rows[mine]]
+        for number, pixels in enumerate(scene.glow.images):
+            own = np.flatnonzero(image == number)
+            if len(own):
+                found[mine[own]] = covered_mean(pixels, uvs[own])
+    return np.asarray(found)

@@ -10,7 +10,7 @@ from gibench.arrays import Doubles, Floats, Longs
 from gibench.errors import BadInput
 from gibench.progress import progress
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
-from gibench.scene.lightmap.albedo import mean_albedo
+from gibench.scene.lightmap.albedo import mean_albedo, mean_emission
 from gibench.scene.lightmap.charts import Charts, covered_count, flatten, pack, triangle_areas
 from gibench.scene.lightmap.holes import kept_texels, without_holes
 from gibench.scene.lightmap.raster import Pieces, clip
@@ -211,13 +211,12 @@ def _receivers(scene: Scene, pieces: list[Pieces], fragments: Fragments, texel: 
     for part in _parts(len(triangle)):
         normals = scene.normals[scene.triangles[triangle[part]]]
         shading[part] = np.einsum("mk,mki->mi", barycentric[part].mean(axis=1), normals)
-    emission = np.array([m.emission for m in scene.materials], np.float64)
     return Receivers(
         texel=texel.astype(np.int32),
         position=_nearest(corners, mean(corners.mean(axis=1)), start, owner).astype(np.float32),
         normal=_unit(mean(shading), corners, weight, start, owner).astype(np.float32),
         albedo=mean(mean_albedo(scene, triangle, barycentric)).astype(np.float32),
-        emission=mean(emission[scene.material_ids[triangle]]).astype(np.float32),
+        emission=mean(mean_emission(scene, triangle, barycentric)).astype(np.float32),
         area=area.astype(np.float32),
     )
 

@@ -65,6 +65,12 @@ def with_backs(
         object_ids=np.concatenate((mesh.object_ids, mesh.object_ids[mine])),
         cutouts=_and(mesh.cutouts, mine),
         cutout_uvs=_and(mesh.cutout_uvs, used),
+        glow=_and(mesh.glow, mine),
+        glow_uvs=_and_turned(mesh.glow_uvs, mine),
+        bump=_and(mesh.bump, mine),
+        bump_uvs=_and_turned(mesh.bump_uvs, mine),
+        # Out on the front is in on the back: the bent normal is turned round as a whole.
+        bump_tangents=_and_turned(mesh.bump_tangents, mine, -1.0),
         lightmap_uvs=None,
         warnings=(*mesh.warnings, *notes),
     )
@@ -73,6 +79,13 @@ def with_backs(
 def _and(values: Array | None, again: Array) -> Array | None:
     """The rows with those of ``again`` once more behind them."""
     return None if values is None else np.concatenate((values, values[again]))
+
+
+def _and_turned(values: Array | None, again: Array, factor: float = 1.0) -> Array | None:
+    """The rows of corners (t, 3, k) with those of ``again`` once more behind them, turned round and
+    times ``factor``.
+    """
+    return None if values is None else np.concatenate((values, factor * values[again][:, ::-1]))
 
 
 def _places(mesh: CleanMesh) -> Array:

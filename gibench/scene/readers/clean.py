@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Floats, Ints, unique_rows
+from gibench.arrays import Doubles, Floats, Ints, unique_rows
 from gibench.errors import BadInput
-from gibench.scene.readers.content import Array, Content, Part, counted
+from gibench.scene.readers.content import Array, Content, Part, counted, of_corners
+from gibench.scene.readers.tangents import tangents
 
 # A triangle is degenerate when its height over its longest edge is below this share of the edge:
 # double the rounding of float32 positions, below which not even its normal's direction is known.
@@ -30,6 +31,11 @@ class CleanMesh:
         cutouts: (t,) int32 image that cuts each triangle out, -1 for a whole one; None where all
             are whole.
         cutout_uvs: (v, 2) float32 coordinates in those images, or None.
+        glow: (t,) int32 image that each triangle emits by, -1 for none; None where none does.
+        glow_uvs: (t, 3, 2) float64 coordinates of its corners in those images, or None.
+        bump: (t,) int32 normal map of each triangle, -1 for none; None where none has one.
+        bump_uvs: (t, 3, 2) float64 coordinates of its corners in it, or None.
+        bump_tangents: (t, 3, 4) float64 its corners' unit tangents and bitangents' signs, or None.
     """
 
     positions: Floats
@@ -42,6 +48,11 @@ class CleanMesh:
     warnings: tuple[str, ...]
     cutouts: Ints | None = None
     cutout_uvs: Floats | None = None
+    glow: Ints | None = None
+    glow_uvs: Doubles | None = None
+    bump: Ints | None = None
+    bump_uvs: Doubles | None = None
+    bump_tangents: Doubles | None = None
 
 
 def clean(content: Content, where: object) -> CleanMesh:
@@ -86,6 +97,11 @@ def clean(content: Content, where: object) -> CleanMesh:
         warnings=tuple(notes),
         cutouts=mesh.cutouts.astype(np.int32) if mesh.cut_out else None,
         cutout_uvs=mesh.cutout_uvs.astype(np.float32) if mesh.cut_out else None,
+        glow=mesh.glow.astype(np.int32) if mesh.glows else None,
+        glow_uvs=mesh.glow_uvs if mesh.glows else None,
+        bump=mesh.bump.astype(np.int32) if mesh.bumps else None,
+        bump_uvs=mesh.bump_uvs if mesh.bumps else None,
+        bump_tangents=_tangents(mesh) if mesh.bumps else None,
     )
 
 
@@ -103,11 +119,26 @@ class _Mesh:
     had_normals: npt.NDArray[np.bool_]  # per triangle
     cutouts: npt.NDArray[np.int64]
     cutout_uvs: Array  # without rows where nothing is cut out
+    glow: npt.NDArray[np.int64]
+    glow_uvs: Array  # of corners; (t, 0) where nothing glows by an image
+    bump: npt.NDArray[np.int64]
+    bump_uvs: Array  # of corners; (t, 0) where nothing has a normal map
+    bump_tangents: Array  # of corners, NaN where the file has none; (t, 0) as well
 
     @property
     def cut_out(self) -> bool:
         """Whether any triangle is."""
         return bool((self.cutouts >= 0).any())
+
+    @property
+    def glows(self) -> bool:
+        """Whether any triangle does by an image."""
+        return bool((self.glow >= 0).any())
+
+    @property
+    def bumps(self) -> bool:
+        """Whether any triangle has a normal map."""
+        return bool((self.bump >= 0).any())
 
 
 def _in_range(part: Part, dropped: dict[str, int]) -> Part:
@@ -118,7 +149,16 @@ def _in_range(part: Part, dropped: dict[str, int]) -> Part:
         return part
     materials = None if part.materials is None else part.materials[inside]
     cutouts = None if part.cutouts is None else part.cutouts[inside]
-    return replace(part, triangles=part.triangles[inside], materials=materials, cutouts=cutouts)
+    glow = None if part.glow is None else part.glow[inside]
+    bump = None if part.bump is None else part.bump[inside]
+    return replace(
+        part,
+        triangles=part.triangles[inside],
+        materials=materials,
+        cutouts=cutouts,
+        glow=glow,
+        bump=bump,
+    )
 
 
 def _join(parts: list[Part]) -> _Mesh:
@@ -133,6 +173,25 @@ def _join(parts: list[Part]) -> _Mesh:
                 np.full((len(part.positions), width), missing) if values is None else values
             )
         return stack(rows, width, np.float64)
+
+    def images(name: str) -> npt.NDArray[np.int64]:
+        rows = [getattr(part, name) for part in parts]
+        given = [
+            np.full(len(part.triangles), -1) if row is None else row
+            for part, row in zip(parts, rows, strict=True)
+        ]
+        return np.concatenate([np.empty(0), *given]).astype(np.int64)
+
+    def at_corners(name: str, image: str, width: int = 2) -> Array:
+        """Values (t, 3, width) of the triangles' corners; (t, 0) where no part has the image."""
+        if all(getattr(part, image) is None for part in parts):
+            return np.empty((sum(len(part.triangles) for part in parts), 0))
+        rows = []
+        for part in parts:
+            values = None if getattr(part, image) is None else getattr(part, name)
+            none = np.zeros((len(part.triangles), 3, width))
+            rows.append(none if values is None else of_corners(part, values))
+        return np.concatenate(rows)
 
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     sizes = [len(part.triangles) for part in parts]
@@ -157,13 +216,13 @@ def _join(parts: list[Part]) -> _Mesh:
         ).astype(np.int64),
         object_ids=np.repeat([part.object_id for part in parts], sizes).astype(np.int64),
         had_normals=np.repeat([part.normals is not None for part in parts], sizes).astype(bool),
-        cutouts=np.concatenate(
-            [
-                np.full(size, -1) if part.cutouts is None else part.cutouts
-                for part, size in zip(parts, sizes, strict=True)
-            ]
-        ).astype(np.int64),
+        cutouts=images("cutouts"),
         cutout_uvs=column("opacity_uvs", 2, 0.0) if cut_out else np.empty((0, 2)),
+        glow=images("glow"),
+        glow_uvs=at_corners("emission_uvs", "glow"),
+        bump=images("bump"),
+        bump_uvs=at_corners("normal_uvs", "bump"),
+        bump_tangents=at_corners("tangents", "bump", width=4),
     )
 
 
@@ -171,7 +230,10 @@ def _drop(mesh: _Mesh, bad: npt.NDArray[np.bool_], kind: str, dropped: dict[str,
     dropped[kind] = int(bad.sum())
     if not dropped[kind]:
         return
-    for name in ("triangles", "material_ids", "object_ids", "had_normals", "cutouts"):
+    for name in (
+        "triangles", "material_ids", "object_ids", "had_normals", "cutouts", "glow", "glow_uvs",
+        "bump", "bump_uvs", "bump_tangents",
+    ):  # fmt: skip
         setattr(mesh, name, getattr(mesh, name)[~bad])
 
 
@@ -247,6 +309,23 @@ def _mend_normals(mesh: _Mesh, notes: list[str]) -> None:
     mesh.normals = np.concatenate((mesh.normals, flat[triangle[first]]))
     mesh.triangles = mesh.triangles.copy()
     mesh.triangles[triangle, corner] = start + inverse
+
+
+def _tangents(mesh: _Mesh) -> Doubles:
+    """The tangents of the triangles with a normal map, (t, 3, 4): the file's where it has them for
+    corners whose normals it has too (glTF 2.0, 3.7.2.1), else MikkTSpace's.
+    """
+    result = mesh.bump_tangents.astype(np.float64)
+    length = np.linalg.norm(result[..., :3], axis=2, keepdims=True)
+    sound = mesh.had_normals & (length[..., 0] > 0).all(axis=1)
+    result[..., :3] /= np.where(length > 0, length, 1.0)
+    result[..., 3] = np.where(result[..., 3] < 0, -1.0, 1.0)
+    wanted = np.flatnonzero((mesh.bump >= 0) & ~sound)
+    if len(wanted):
+        corners = mesh.triangles[wanted]
+        own = mesh.positions[corners], mesh.normals[corners], mesh.bump_uvs[wanted]
+        result[wanted] = tangents(*own)
+    return np.asarray(result)
 
 
 def _compact(mesh: _Mesh) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Vec3
+from gibench.arrays import Floats, Vec3
 from gibench.errors import BadInput
 from gibench.scene.model import (
     Camera,
@@ -46,6 +46,12 @@ class Part:
         materials: (t,) int64 material of every triangle, in place of ``material``, or None.
         cutouts: (t,) int64 image of every triangle in ``Content.cutouts``, looked up at
             ``opacity_uvs``, -1 for a whole one; or None.
+        glow: (t,) int64 image of every triangle in ``Content.glows``, looked up at
+            ``emission_uvs``, -1 for none; or None.
+        bump: (t,) int64 normal map of every triangle in ``Content.normal_maps``, looked up at
+            ``normal_uvs``, -1 for none; or None.
+        normal_uvs: (v, 2) float, of the normal map, v upwards; None for ``uvs``.
+        tangents: (v, 4) float, as glTF has them: tangent and the bitangent's sign; or None.
         mirrored: whether a mirroring transform has turned its winding.
     """
 
@@ -61,6 +67,10 @@ class Part:
     colors: Array | None = None
     materials: Array | None = None
     cutouts: Array | None = None
+    glow: Array | None = None
+    bump: Array | None = None
+    normal_uvs: Array | None = None
+    tangents: Array | None = None
     mirrored: bool = False
 
 
@@ -71,10 +81,14 @@ class Maps:
     Attributes:
         emission: the material's emission is to be multiplied with it.
         opacity: the material's opacity is to be multiplied with it; three equal channels.
+        normal: unit vectors in tangent space.
+        normal_scale: that their x and y are to be multiplied with.
     """
 
     emission: Texture | None = None
     opacity: Texture | None = None
+    normal: Texture | None = None
+    normal_scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -91,6 +105,8 @@ class Content:
         warnings: what was ignored, one line each, with counts.
         maps: of each material; empty for none.
         cutouts: (h, w) bool images of where there is surface, made at load.
+        glows: (h, w, 3) float32 images of emitted radiance, W/m2/sr, made at load.
+        normal_maps: (h, w, 3) float32 images of unit vectors and their scale, made at load.
     """
 
     parts: tuple[Part, ...]
@@ -102,6 +118,8 @@ class Content:
     warnings: tuple[str, ...] = field(default=())
     maps: tuple[Maps, ...] = ()
     cutouts: tuple[npt.NDArray[np.bool_], ...] = ()
+    glows: tuple[Floats, ...] = ()
+    normal_maps: tuple[tuple[Floats, float], ...] = ()
 
     def map_of(self, material: int) -> Maps:
         """The images of a material."""
@@ -156,6 +174,11 @@ def transform_part(part: Part, matrix: Array) -> Part:
             # exists for singular matrices too.
             normals = normals.astype(np.float64) @ _cofactors(linear).T
             normals = normals * (-1.0 if determinant < 0 else 1.0)
+        tangents = part.tangents
+        if tangents is not None:
+            moved = tangents[:, :3].astype(np.float64) @ linear.T
+            sign = tangents[:, 3:] * (-1.0 if determinant < 0 else 1.0)
+            tangents = np.concatenate((moved, sign), axis=1)
     triangles = part.triangles
     if determinant < 0:
         triangles = triangles[:, ::-1]
@@ -163,6 +186,7 @@ def transform_part(part: Part, matrix: Array) -> Part:
         part,
         positions=positions,
         normals=normals,
+        tangents=tangents,
         triangles=triangles,
         mirrored=part.mirrored != (determinant < 0),
     )

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.glow import Glow, in_first_period
 from gibench.scene.model import MOST_UNFOLDED, DirectionalLight, Environment, Material, Scene
+from gibench.scene.normal_maps import NormalMaps
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.content import Array, Content, unit
 from gibench.scene.readers.viewpoint import suggested_camera
@@ -82,6 +84,35 @@ def _cutouts_of(mesh: CleanMesh, content: Content) -> Cutouts | None:
     )
 
 
+def _glow_of(mesh: CleanMesh, content: Content) -> Glow | None:
+    if mesh.glow is None or mesh.glow_uvs is None:
+        return None
+    triangle = np.flatnonzero(mesh.glow >= 0).astype(np.int32)
+    used, image = np.unique(mesh.glow[triangle], return_inverse=True)
+    return Glow(
+        images=tuple(content.glows[number] for number in used),
+        triangle=triangle,
+        image=image.reshape(-1).astype(np.int32),
+        uvs=in_first_period(mesh.glow_uvs[triangle]),
+    )
+
+
+def _normal_maps_of(mesh: CleanMesh, content: Content) -> NormalMaps | None:
+    if mesh.bump is None or mesh.bump_uvs is None or mesh.bump_tangents is None:
+        return None
+    triangle = np.flatnonzero(mesh.bump >= 0).astype(np.int32)
+    used, image = np.unique(mesh.bump[triangle], return_inverse=True)
+    image = image.reshape(-1).astype(np.int32)
+    return NormalMaps(
+        images=tuple(content.normal_maps[number][0] for number in used),
+        triangle=triangle,
+        image=image,
+        scale=np.array([content.normal_maps[n][1] for n in used], np.float32)[image],
+        uvs=in_first_period(mesh.bump_uvs[triangle]),
+        tangents=mesh.bump_tangents[triangle].astype(np.float32),
+    )
+
+
 def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
     """A scene with the file's lights and cameras, and defaults for what the file lacks.
 
@@ -106,6 +137,8 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
         receivers=receivers,
         warnings=(*content.warnings, *mesh.warnings, *size_remarks(mesh)),
         cutouts=_cutouts_of(mesh, content),
+        glow=_glow_of(mesh, content),
+        normal_maps=_normal_maps_of(mesh, content),
     )
     scene = replace(scene, probes=replace(scene.probes, count=probes, automatic=True))
     if not scene.lights and not glows(scene.materials, scene.material_ids):

@@ -293,6 +293,8 @@ class _Reader:
             uvs=uvs["color"],
             lightmap_uvs=self._attribute(attributes, "TEXCOORD_1", (2,), count),
             emission_uvs=uvs["emission"],
+            normal_uvs=uvs["normal"],
+            tangents=self._attribute(attributes, "TANGENT", (4,), count),
             opacity_uvs=uvs["color"],
             colors=self._colors(attributes, count),
         )

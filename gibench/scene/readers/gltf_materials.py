@@ -18,13 +18,18 @@ import pygltflib
 from gibench.errors import BadInput
 from gibench.scene.model import Material, Texture
 from gibench.scene.readers.content import Array, Maps, vec3
+from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.gltf_buffers import Buffers
 from gibench.scene.readers.gltf_formulas import uv_matrix
 from gibench.scene.readers.textures import (
-    UnreadableImage,
     alpha_from_bytes,
+    normals_from_bytes,
+    radiance_from_bytes,
     texture_from_bytes,
 )
+
+SLOTS = ("color", "emission", "normal")
+"""The uses of textures whose coordinates are read."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Uses:
 
     Attributes:
         material: its number.
-        slots: by name, "color" and "emission".
+        slots: by name, of ``SLOTS``.
     """
 
     material: int
@@ -87,11 +92,12 @@ class Materials:
             BadInput: there is no such material.
         """
         if index is None:
-            return Uses(len(self._entries), {name: _slot(None) for name in ("color", "emission")})
+            return Uses(len(self._entries), {name: _slot(None) for name in SLOTS})
         if not isinstance(index, int) or not 0 <= index < len(self._entries):
             raise BadInput(f"there is no material {index}", where=self._path)
         entry = self._entries[index]
-        slots = {"color": _slot(self._color(entry)[1]), "emission": _slot(entry.emissiveTexture)}
+        used = (self._color(entry)[1], entry.emissiveTexture, entry.normalTexture)
+        slots = {name: _slot(info) for name, info in zip(SLOTS, used, strict=True)}
         return Uses(index, slots)
 
     def _material(self, entry: Any, index: int) -> tuple[Material, Maps]:
@@ -105,7 +111,7 @@ class Materials:
             raise BadInput(f"material {index} has a senseless emission", where=self._path)
         glow = None
         if entry.emissiveTexture is not None and emission.any():
-            glow = self._decoded(_index(entry.emissiveTexture), texture_from_bytes)
+            glow = self._decoded(_index(entry.emissiveTexture), radiance_from_bytes)
         mode = entry.alphaMode or "OPAQUE"
         if mode not in ("OPAQUE", "MASK", "BLEND"):
             self._ignored[f"alphaMode {mode!r}"] += 1
@@ -137,7 +143,23 @@ class Materials:
             ),
             unlit="KHR_materials_unlit" in extensions,
         )
-        return material, Maps(emission=glow, opacity=alpha)
+        maps = Maps(emission=glow, opacity=alpha, **self._normal_map(entry))
+        return material, maps
+
+    def _normal_map(self, entry: Any) -> dict[str, Any]:
+        """The normal map and its scale, as ``Maps`` has them."""
+        info = entry.normalTexture
+        if info is None:
+            return {}
+        scale = float(_or(getattr(info, "scale", None), 1.0))
+        if not np.isfinite(scale):
+            raise ValueError(f"normal scale {scale}")
+        try:
+            found = self._decoded(_index(info), normals_from_bytes, say=True)
+        except UnreadableImage as error:
+            self._ignored[f"normal map {self._name(_index(info))}: {error}"] += 1
+            return {}
+        return {"normal": found, "normal_scale": scale}
 
     def _color(self, entry: Any) -> tuple[Array, Any]:
         """Factor (4,) and texture slot of the albedo."""
@@ -168,15 +190,18 @@ class Materials:
         return self._texture_of_image[image]
 
     def _decoded(
-        self, index: Any, decode: Callable[[str, bytes], Texture | None]
+        self, index: Any, decode: Callable[[str, bytes], Texture | None], say: bool = False
     ) -> Texture | None:
+        """The image of a texture; one that cannot be read is counted, or raised with ``say``."""
         image = self._image_of(index)
         if image is None:
             self._ignored["textures without a readable source"] += 1
             return None
-        return self._decode(image, decode)
+        return self._decode(image, decode, say)
 
-    def _decode(self, image: int, decode: Callable[[str, bytes], Texture | None]) -> Texture | None:
+    def _decode(
+        self, image: int, decode: Callable[[str, bytes], Texture | None], say: bool = False
+    ) -> Texture | None:
         named = self._buffers.image(image)
         if named is None:
             self._ignored["textures whose file is missing"] += 1
@@ -184,6 +209,8 @@ class Materials:
         try:
             return decode(*named)
         except UnreadableImage:
+            if say:
+                raise
             self._ignored["textures that cannot be read"] += 1
             return None
 

@@ -17,10 +17,13 @@ from gibench.errors import BadInput
 from gibench.scene.files import find_near, read_bytes
 from gibench.scene.model import BLACK, Material, Texture
 from gibench.scene.readers.content import Array, Maps, counted, vec3
+from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.text import argument, read_text, statements, without_comment
 from gibench.scene.readers.textures import (
-    UnreadableImage,
+    bumps_from_bytes,
+    normals_from_bytes,
     opacity_from_bytes,
+    radiance_from_bytes,
     texture_from_bytes,
 )
 
@@ -36,7 +39,11 @@ _MAP_OPTIONS = {
     "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
 }  # fmt: skip
 # Options that change nothing here: of filtering, of images' resolution, of colour correction.
-_HARMLESS = ("-blendu", "-blendv", "-boost", "-cc", "-texres", "-type", "-bm", "-imfchan")
+_HARMLESS = ("-blendu", "-blendv", "-boost", "-cc", "-texres", "-type", "-imfchan")
+
+_NORMAL_MAPS = ("norm", "map_bump", "bump")
+NORMAL_MAP = "normal map"
+"""The keyword that coordinates of normal maps are asked for by, whichever statement named one."""
 
 Decoder = Callable[[str, bytes], Texture]
 Transform = tuple[tuple[float, float], tuple[float, float]]
@@ -51,11 +58,13 @@ class MapStatement:
         file: the name as written, without quotes.
         transform: of its texture coordinates.
         ignored: options that would change the picture and are not used.
+        strength: of a bump map (-bm).
     """
 
     file: str
     transform: Transform = ((1.0, 1.0), (0.0, 0.0))
     ignored: tuple[str, ...] = ()
+    strength: float = 1.0
 
 
 @dataclass
@@ -195,7 +204,7 @@ class _Reader:
             texture = self._texture(*image)
         glow = self._image(entries, number, "map_ke")
         if glow is not None:
-            emission_map = self._decoded(*glow, texture_from_bytes)
+            emission_map = self._decoded(*glow, radiance_from_bytes)
         cut_out = self._image(entries, number, "map_d")
         if cut_out is not None:
             opacity_map = self._decoded(*cut_out, opacity_from_bytes)
@@ -210,6 +219,7 @@ class _Reader:
         if emission_map is not None and not any(emission):
             emission = WHITE
         opacity = self._opacity(entries)
+        bumps = self._normal_map(entries, number)
         material = Material(
             name=name or "default",
             base_color=vec3(np.clip(color, 0.0, 1.0)),
@@ -222,9 +232,28 @@ class _Reader:
             roughness=self._number(entries, "pr", 1.0),
             metalness=self._number(entries, "pm", 0.0),
             roughness_map=self._name(entries, "map_pr", "map_pm"),
-            normal_map=self._name(entries, "norm", "map_bump", "bump"),
+            normal_map=self._name(entries, *_NORMAL_MAPS),
         )
-        return material, Maps(emission=emission_map, opacity=opacity_map)
+        return material, Maps(emission=emission_map, opacity=opacity_map, normal=bumps)
+
+    def _normal_map(self, entries: _Entries, number: int) -> Texture | None:
+        """``norm``, else ``map_bump`` or ``bump``; its coordinates are those of NORMAL_MAP."""
+        for keyword in _NORMAL_MAPS:
+            image = self._image(entries, number, keyword)
+            if image is None:
+                continue
+            if transform := self.transforms.pop((number, keyword), None):
+                self.transforms[number, NORMAL_MAP] = transform
+            strength = map_statement(entries.values[keyword]).strength
+            try:
+                data = read_bytes(image[1])
+                if keyword == "norm":
+                    return normals_from_bytes(image[0], data)
+                return bumps_from_bytes(image[0], data, strength)
+            except (UnreadableImage, BadInput) as error:
+                self.warnings.append(f"normal map '{image[0]}' is not used: {error}")
+                return None
+        return None
 
     def _image(self, entries: _Entries, number: int, keyword: str) -> tuple[str, Path] | None:
         """Name and file of a map, its coordinates' transform noted; None where there is none."""
@@ -295,7 +324,7 @@ class _Reader:
 def map_statement(text: str) -> MapStatement:
     """A ``map_`` statement's file, which may hold blanks, and its options."""
     rest = without_comment(text)
-    scale, offset = [1.0, 1.0], [0.0, 0.0]
+    scale, offset, strength = [1.0, 1.0], [0.0, 0.0], 1.0
     ignored = []
     while (option := rest.partition(" ")[0].lower()) in _MAP_OPTIONS:
         rest = rest.partition(" ")[2].strip()
@@ -309,12 +338,15 @@ def map_statement(text: str) -> MapStatement:
         if option in ("-s", "-o"):
             for i, number in enumerate(_numbers(" ".join(given))[:2]):
                 (scale if option == "-s" else offset)[i] = number
+        elif option == "-bm":
+            strength = next(iter(_numbers(" ".join(given))), 1.0)
         elif option not in _HARMLESS and not (option == "-clamp" and given == ["off"]):
             ignored.append(f"{option} {' '.join(given)}")
     transform = ((scale[0], scale[1]), (offset[0], offset[1]))
     if not np.isfinite(transform).all():
         transform = MapStatement("").transform
-    return MapStatement(rest.strip().strip('"'), transform, tuple(ignored))
+    strength = strength if np.isfinite(strength) else 1.0
+    return MapStatement(rest.strip().strip('"'), transform, tuple(ignored), strength)
 
 
 def _numbers(text: str) -> list[float]:

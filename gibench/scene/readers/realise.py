@@ -4,7 +4,8 @@ Kernels and the path-traced truth know surfaces of one emission and one albedo (
 The rules, each applied to all meshes at load, and said in a warning where light may differ from
 what the file's author saw:
 
-- *Emission from an image*: every triangle emits the mean over the texels that it covers.
+- *Emission from an image*: a triangle emits what the image has at each point (``scene/glow.py``);
+  its material has the mean over the texels that it covers.
 - *Colours of vertices*: interpolated over the triangle through an image of four texels a triangle;
   where the material has an image already, the triangle's mean colour tints it.
 - *Opacity* (glTF's BLEND, MTL's d and Tr) *and transmission*: a part (the triangles of one object
@@ -12,6 +13,7 @@ what the file's author saw:
   What glows is never left out.
 - *Cut-outs* (glTF's MASK, MTL's map_d): a triangle is there where opacity, times its image's texel,
   is at least the cutoff (``scene/cutouts.py``). Triangles with nothing left are left out.
+- *Normal maps*: kept beside (``scene/normal_maps.py``), for what reads them.
 - *Unlit*: lit as any other surface.
 """
 
@@ -22,7 +24,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.scene.lightmap.albedo import mean_texture
+from gibench.arrays import Floats, Vec3
+from gibench.scene.lightmap.albedo import covered_mean, mean_texture
 from gibench.scene.model import Material, Texture
 from gibench.scene.readers.content import Array, Content, Part, counted, of_corners, vec3
 from gibench.scene.readers.cut_out import cut_out
@@ -39,7 +42,9 @@ def realised(content: Content) -> Content:
     notes: list[str] = []
     parts = _without_the_see_through(content, notes)
     parts, cutouts = cut_out(parts, content, notes)
-    parts = [_glowing(part, content, table) for part in parts]
+    glows = _Glows()
+    parts = [_glowing(part, content, table, glows) for part in parts]
+    parts, normal_maps = _bumpy(parts, content, notes)
     parts = table.in_place(_coloured(parts, table, notes))
     used = {number for part in parts for number in _numbers(part)}
     notes += _remarks([table.materials[number] for number in sorted(used)])
@@ -51,7 +56,25 @@ def realised(content: Content) -> Content:
         warnings=(*content.warnings, *notes),
         maps=(),
         cutouts=cutouts,
+        glows=tuple(glows.images),
+        normal_maps=normal_maps,
     )
+
+
+class _Glows:
+    """The images of emitted radiance, growing."""
+
+    def __init__(self) -> None:
+        self.images: list[Floats] = []
+        self._numbers: dict[tuple[int, Vec3], int] = {}
+
+    def number(self, image: Texture, emission: Vec3) -> int:
+        """The number of ``image`` times ``emission``."""
+        key = id(image), emission
+        if key not in self._numbers:
+            self._numbers[key] = len(self.images)
+            self.images.append(image.pixels * np.asarray(emission, np.float32))
+        return self._numbers[key]
 
 
 class _Table:
@@ -156,18 +179,54 @@ def _opacity(part: Part, content: Content) -> float:
     return opacity * (1.0 - material.transmission)
 
 
-def _glowing(part: Part, content: Content, table: _Table) -> Part:
-    """The part with each triangle's mean of its emission's image."""
+def _glowing(part: Part, content: Content, table: _Table, glows: _Glows) -> Part:
+    """The part with its emission's image, and each triangle's mean of it as its material's."""
     material, image = content.materials[part.material], content.map_of(part.material).emission
     if image is None or not any(material.emission) or not len(part.triangles):
         return part
     uvs = part.uvs if part.emission_uvs is None else part.emission_uvs
-    means, which = _grouped(_means(part, image, uvs))
+    is_plain = np.ptp(image.pixels.reshape(-1, 3), axis=0).max() == 0
+    if uvs is None or not len(uvs) or is_plain:
+        each = _means(part, image, None if is_plain else uvs)
+    else:
+        each = covered_mean(image.pixels, of_corners(part, uvs))
+        own = np.where(each.max(axis=1) > 0, glows.number(image, material.emission), -1)
+        part = replace(part, glow=own, emission_uvs=uvs)
+    means, which = _grouped(each)
     emissions = [vec3(np.multiply(material.emission, mean)) for mean in means]
     numbers = [
         table.number(part.material, replace(material, emission=emission)) for emission in emissions
     ]
     return replace(part, materials=np.asarray(numbers, np.int64)[which])
+
+
+def _bumpy(
+    parts: list[Part], content: Content, notes: list[str]
+) -> tuple[list[Part], tuple[tuple[Floats, float], ...]]:
+    """The parts with their normal maps, and the maps with their scales."""
+    numbers: dict[tuple[int, float], int] = {}
+    found: list[tuple[Floats, float]] = []
+    result, bare = [], []
+    for part in parts:
+        maps = content.map_of(part.material)
+        uvs = part.uvs if part.normal_uvs is None else part.normal_uvs
+        if maps.normal is None or not len(part.triangles):
+            result.append(replace(part, normal_uvs=None, tangents=None))
+        elif uvs is None or not len(uvs):
+            bare.append(content.materials[part.material].name)
+            result.append(replace(part, normal_uvs=None, tangents=None))
+        else:
+            key = id(maps.normal), maps.normal_scale
+            if key not in numbers:
+                numbers[key] = len(found)
+                found.append((maps.normal.pixels, maps.normal_scale))
+            own = np.full(len(part.triangles), numbers[key])
+            result.append(replace(part, bump=own, normal_uvs=uvs))
+    names = list(dict.fromkeys(bare))
+    if names:
+        told = counted(len(names), "material")
+        notes.append(f"normal maps of {told} without coordinates ({', '.join(names[:3])})")
+    return result, tuple(found)
 
 
 def _grouped(values: Array) -> tuple[Array, Array]:
@@ -279,8 +338,10 @@ def _split(part: Part) -> Part:
         triangles=np.arange(len(flat)).reshape(-1, 3),
         normals=None if part.normals is None else part.normals[flat],
         lightmap_uvs=None if part.lightmap_uvs is None else part.lightmap_uvs[flat],
-        emission_uvs=None,
+        emission_uvs=None if part.emission_uvs is None else part.emission_uvs[flat],
         opacity_uvs=None if part.opacity_uvs is None else part.opacity_uvs[flat],
+        normal_uvs=None if part.normal_uvs is None else part.normal_uvs[flat],
+        tangents=None if part.tangents is None else part.tangents[flat],
         colors=None,
     )
 

@@ -37,10 +37,11 @@ from gibench.scene.poses import turn_about
 from gibench.scene.readers.assemble import assembled
 from gibench.scene.readers.content import Array, Content, Part, join_contents, unit
 from gibench.scene.readers.environment_image import load_environment
+from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.mesh import read_mesh
 from gibench.scene.readers.recentre import motions_from_file, points_from_file
 from gibench.scene.readers.shapes import SHAPES
-from gibench.scene.readers.textures import UnreadableImage, texture_from_bytes
+from gibench.scene.readers.textures import texture_from_bytes
 from gibench.scene.toml_table import Table
 
 SCHEMA_VERSION = 1

@@ -11,15 +11,13 @@ from PIL import Image
 
 from gibench.arrays import Floats
 from gibench.scene.model import Texture
+from gibench.scene.normal_maps import normals_of_heights, unit_normals
 from gibench.scene.readers.content import Array
+from gibench.scene.readers.float_images import UnreadableImage, floats_from_bytes
 
 # Textures only colour diffuse light here, so nothing is gained by more texels than this per side,
 # and a 4096-square float image would take 200 MB.
 MAX_SIDE = 1024
-
-
-class UnreadableImage(Exception):
-    """An image that Pillow cannot read; the message says why."""
 
 
 def srgb_to_linear(encoded: Array) -> Floats:
@@ -38,15 +36,28 @@ _SIXTEEN_BITS = ("I;16", "I;16L", "I;16B", "I;16N", "I")
 
 
 def texture_from_bytes(name: str, data: bytes) -> Texture:
-    """Decode a PNG, JPEG, BMP, TGA, TIFF, ... into a texture of at most ``MAX_SIDE`` texels per
-    side, without alpha.
+    """Decode a PNG, JPEG, BMP, TGA, TIFF, HDR, EXR, ... into a texture of colours, at most
+    ``MAX_SIDE`` texels per side, without alpha.
 
-    Whole numbers are sRGB, 16 bits as 8 bits; floats are linear.
+    Whole numbers are sRGB, 16 bits as 8 bits; floats are linear, kept from 0 to 1.
 
     Raises:
-        UnreadableImage: Pillow cannot read it.
+        UnreadableImage: it cannot be read.
     """
-    return Texture(name, _shrunk(_read(data, _linear)))
+    return Texture(name, np.clip(radiance_from_bytes(name, data).pixels, 0.0, 1.0))
+
+
+def radiance_from_bytes(name: str, data: bytes) -> Texture:
+    """The same of what an image emits, which may be over 1 where its numbers are floats.
+
+    Raises:
+        UnreadableImage: it cannot be read.
+    """
+    pixels = floats_from_bytes(data)
+    if pixels is None:
+        pixels = _read(data, _linear)
+    sound = np.nan_to_num(pixels, nan=0.0, posinf=0.0, neginf=0.0)
+    return Texture(name, _shrunk(np.maximum(sound, np.float32(0))))
 
 
 def alpha_from_bytes(name: str, data: bytes) -> Texture | None:
@@ -70,6 +81,57 @@ def opacity_from_bytes(name: str, data: bytes) -> Texture:
     if alpha is not None:
         return alpha
     return Texture(name, _shrunk(_grey(_read(data, _encoded_grey))))
+
+
+def normals_from_bytes(name: str, data: bytes) -> Texture:
+    """An image of tangent space normals (glTF 2.0, 3.9.3), as unit vectors.
+
+    Raises:
+        UnreadableImage: it cannot be read, or has one channel.
+    """
+    codes = _codes(data)
+    if codes.shape[2] == 1:
+        raise UnreadableImage("has one channel, as images of heights have")
+    vectors = _shrunk((2.0 * codes - 1.0).astype(np.float32))
+    return Texture(name, unit_normals(vectors))
+
+
+def bumps_from_bytes(name: str, data: bytes, strength: float) -> Texture:
+    """An image of heights (MTL's ``bump``) as unit vectors; one in the colours of normals, which
+    people name so too, is taken as normals.
+
+    Raises:
+        UnreadableImage: it cannot be read.
+    """
+    codes = _codes(data)
+    if codes.shape[2] == 3 and _are_normals(codes):
+        return Texture(name, unit_normals(_shrunk((2.0 * codes - 1.0).astype(np.float32))))
+    heights = _shrunk(_grey(codes.mean(axis=2).astype(np.float32)))[:, :, 0]
+    return Texture(name, normals_of_heights(heights, strength))
+
+
+def _are_normals(codes: Array) -> bool:
+    """Whether colours (h, w, 3) are those of normals: no greys, and of length 1 by and large."""
+    length = np.linalg.norm(2 * codes - 1, axis=2)
+    return bool(np.ptp(codes, axis=2).mean() > 0.1 and np.abs(length - 1).mean() < 0.2)
+
+
+def _codes(data: bytes) -> Array:
+    """The numbers of an image as they stand, 0 to 1, (h, w, 1 or 3)."""
+    pixels = floats_from_bytes(data)
+    if pixels is None:
+        pixels = _read(data, _plain)
+    return np.clip(np.nan_to_num(pixels.astype(np.float64)), 0.0, 1.0)
+
+
+def _plain(image: Image.Image) -> Floats:
+    if image.mode == "F":
+        return np.asarray(image, np.float32)[:, :, None]
+    if image.mode in _SIXTEEN_BITS:
+        return (np.asarray(image).astype(np.float32) / np.float32(65535))[:, :, None]
+    grey = image.mode in ("1", "L", "LA")
+    codes = np.asarray(image.convert("L" if grey else "RGB"), np.float32) / np.float32(255)
+    return codes[:, :, None] if grey else codes
 
 
 def _read(data: bytes, use: Callable[[Image.Image], Floats]) -> Floats:

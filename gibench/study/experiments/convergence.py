@@ -13,7 +13,7 @@ from gibench.arrays import Doubles
 from gibench.measure.session.session import Session
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
-from gibench.reference.lights import luminance
+from gibench.reference.luminance import luminance
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept, of_key

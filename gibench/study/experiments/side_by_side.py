@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from gibench.reference.lights import luminance
+from gibench.reference.luminance import luminance
 from gibench.report.images import tone_map
 from gibench.report.plots import Picture, panel
 from gibench.study.errors import METRICS, Truth

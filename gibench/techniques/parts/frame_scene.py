@@ -145,7 +145,8 @@ class FrameScene:
 
     def program(self, path: str, defines: Mapping[str, Define] | None = None) -> ProgramSpec:
         """A program that reads the scene, with the macros that such programs need."""
-        return ProgramSpec(path, {**SCENE_MACROS, **self._tree_defines, **(defines or {})})
+        known = {**SCENE_MACROS, **self._tree_defines, **self.surfaces.defines}
+        return ProgramSpec(path, {**known, **(defines or {})})
 
     @staticmethod
     def buffers(

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.device import Argument, Buffer, BufferSpec, Device, reads
+from gibench.device.build import Define
 from gibench.scene.model import Scene
 from gibench.techniques.parts.material_table import (
     MATERIAL_FLOATS,
@@ -35,6 +36,7 @@ class Surfaces:
         material_textures: (m, slots, 3) int32.
         texels: (n, 4) uint8 of all textures, sRGB.
         srgb_to_linear: (256,) float32.
+        glow: uint32, what triangles emit by images (kernels_cl/common/glow.cl), or None.
     """
 
     positions: Buffer
@@ -46,6 +48,7 @@ class Surfaces:
     material_textures: Buffer
     texels: Buffer
     srgb_to_linear: Buffer
+    glow: Buffer | None = None
 
     @staticmethod
     def upload(device: Device, scene: Scene) -> Surfaces:
@@ -66,6 +69,8 @@ class Surfaces:
             "texels": texels,
             "srgb_to_linear": srgb_to_linear(),
         }
+        if scene.glow is not None:
+            data["glow"] = scene.glow.packed(len(scene.triangles))
         return Surfaces(**device.allocate(Surfaces.buffers(scene), data))
 
     @staticmethod
@@ -73,6 +78,9 @@ class Surfaces:
         """The buffers of the surfaces of ``scene``, named as the attributes are."""
         like, of, materials = BufferSpec.like, BufferSpec.of, len(scene.materials)
         texels = sum(t.pixels.shape[0] * t.pixels.shape[1] for t in scene.textures)
+        glow = []
+        if scene.glow is not None:
+            glow = [of("glow", scene.glow.packed_words(len(scene.triangles)), np.uint32)]
         return [
             like("positions", scene.positions),
             like("normals", scene.normals),
@@ -83,6 +91,7 @@ class Surfaces:
             of("material_textures", (materials, len(SLOTS), SLOT_INTS), np.int32),
             of("texels", (texels, 4), np.uint8),
             of("srgb_to_linear", SRGB_CODES, np.float32),
+            *glow,
         ]
 
     @property
@@ -107,4 +116,10 @@ class Surfaces:
             reads("material_textures", self.material_textures),
             reads("texels", self.texels),
             reads("srgb_to_linear", self.srgb_to_linear),
+            *(() if self.glow is None else (reads("glow", self.glow),)),
         )
+
+    @property
+    def defines(self) -> dict[str, Define]:
+        """The macros of programs that read them."""
+        return {} if self.glow is None else {"GLOW": 1}
