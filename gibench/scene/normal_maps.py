@@ -2,8 +2,8 @@
 
 A texel is a unit vector in the triangle's tangent space: x along the tangent, y along the
 bitangent (the tangent's sign times normal x tangent, which is where v grows), z along the shading
-normal. What becomes of it is in ``kernels_cl/common/normal_map.cl``. No technique's light depends on
-them unless it reads them.
+normal. What becomes of it is in ``kernels_cl/common/normal_map.cl``. No technique's light depends
+on them unless it reads them.
 """
 
 from __future__ import annotations
