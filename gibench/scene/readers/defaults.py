@@ -102,11 +102,11 @@ def _normal_maps_of(mesh: CleanMesh, content: Content) -> NormalMaps | None:
         return None
     triangle = np.flatnonzero(mesh.bump >= 0).astype(np.int32)
     used, image = np.unique(mesh.bump[triangle], return_inverse=True)
-    image = image.reshape(-1).astype(np.int32)
+    image = image.reshape(-1)
     return NormalMaps(
         images=tuple(content.normal_maps[number][0] for number in used),
         triangle=triangle,
-        image=image,
+        image=image.astype(np.int32),
         scale=np.array([content.normal_maps[n][1] for n in used], np.float32)[image],
         uvs=in_first_period(mesh.bump_uvs[triangle]),
         tangents=mesh.bump_tangents[triangle].astype(np.float32),
