@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -58,13 +58,22 @@ class FrameTimes:
     cpu_ms: float = 0.0
 
 
-def prepare_passes(technique: Technique, workgroup_size: int) -> list[PreparedPass]:
+def prepare_passes(
+    technique: Technique, workgroup_size: int, sizes: Mapping[str, int] | None = None
+) -> list[PreparedPass]:
     """Build every pass of ``technique``: kernels created and their arguments set once.
 
     A pass that cannot run is returned with its reason and the others go on.
+
+    Args:
+        technique: set up on its device.
+        workgroup_size: work-items per group.
+        sizes: by pass, where they are others.
     """
+    sizes = sizes or {}
     return [
-        prepare_pass(technique.device, item, workgroup_size) for item in frame_passes(technique)
+        prepare_pass(technique.device, item, sizes.get(item.name, workgroup_size))
+        for item in frame_passes(technique)
     ]
 
 

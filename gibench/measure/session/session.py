@@ -24,12 +24,11 @@ from gibench.measure.session.enqueue import (
     FrameTimes,
     PreparedPass,
     enqueue_frame,
-    prepare_pass,
+    prepare_passes,
 )
 from gibench.measure.session.shared import Shared
 from gibench.scene.model import Scene
 from gibench.techniques.job import Job, Known, World
-from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import Follows, TechniqueSpec, find_technique, techniques
 from gibench.techniques.technique import (
     FloatArray,
@@ -153,10 +152,7 @@ class Session:
             GibenchError: with ``whole``, where a pass failed.
         """
         self._sizes = dict(sizes or {})
-        self.prepared = [
-            prepare_pass(self.device, item, self.size_of(item.name))
-            for item in frame_passes(self.technique)
-        ]
+        self.prepared = prepare_passes(self.technique, self.job.group_size, self._sizes)
         if whole:
             refuse_missing(self.prepared)
 
@@ -170,11 +166,7 @@ class Session:
         try:
             spec = find_technique(self.job.technique)
             twin = spec.create(self.device.beside(), self.job, self.world)
-            prepared = [
-                prepare_pass(twin.device, item, self.size_of(item.name))
-                for item in frame_passes(twin)
-            ]
-            compile_launches(twin, prepared)
+            compile_launches(twin, prepare_passes(twin, self.job.group_size, self._sizes))
         except Exception as error:  # a fault of the technique is told by its own first frame too
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             note = f"kernels were not compiled ahead, its first frames did that ({reason})"
