@@ -77,6 +77,7 @@ FILES = {
     "receiver-reduction": ("receiver-reduction.png", "receiver-reduction-pictures.png"),
     "interpolation": ("interpolation-5.png",),
     "ray-budget": ("ray-budget.png", "ray-budget.svg", "ray-budget-samples.csv"),
+    "light-field": ("light-field.png", "light-field.svg"),
     "convergence": ("convergence.png", "convergence-ms.png", "convergence-samples.csv"),
     "surfel-links": ("surfel-links.png", "surfel-links.svg"),
     "surfel-bands": (),

@@ -7,6 +7,7 @@ from gibench.study.experiments import (
     convergence,
     frame_times,
     interpolation,
+    light_field,
     probe_density,
     ray_budget,
     receiver_reduction,
@@ -33,6 +34,7 @@ EXPERIMENTS = {
         surfel_links.FRAME,
         surfel_density.MEMORY,
         surfel_density.DENSITY,
+        light_field.EXPERIMENT,
     )
 }
 
