@@ -47,6 +47,7 @@ def missing(text: str) -> set[str]:
 def test_what_is_named_is_there() -> None:
     files = [*(ROOT / "gibench").rglob("*.py"), *(ROOT / "kernels_cl").rglob("*.cl")]
     files += [ROOT / "ARCHITECTURE.md", ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    files.remove(ROOT / "docs" / "adding-a-technique.md")  # it names files that are to be made
     lost = {file.name: names for file in files if (names := missing(file.read_text("utf-8")))}
     assert not lost
     text = (

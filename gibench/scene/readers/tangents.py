@@ -2,7 +2,7 @@
 
 Mikkelsen 2008, "Simulation of Wrinkled Surfaces Revisited", and the reference code of its tangent
 space, mikktspace.c: what normal maps are made for. No package of it can be installed from PyPI for
-Python 3.11, so it is written down here for triangles; ``tests/scene/test_tangents.py`` holds it
+Python 3.11, so it is written down here for triangles; ``tests/scene/test_normal_maps.py`` holds it
 against what the reference code gives.
 """
 
