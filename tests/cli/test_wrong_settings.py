@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from gibench.cli.main import call
@@ -72,6 +74,35 @@ def test_more_surfels_than_the_budget_holds(refused, tmp_path):
         assert "--receivers" not in told  # none are on the device, so fewer of them do not help
     told = refused(2, "--set", "gibs.surfels=0", technique="gibs")
     assert "surfels = 0 must be at least 1" in told
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ("links=0", "0 links per cache; give 1 or more"),
+        ("links=40000", "40000 links per cache; give 4096 or fewer"),
+        ("surfels=100", "128 links per cache, but 100 surfels"),
+        ("grid=0x4x4", "grid is '0x4x4'; give three whole numbers of 1 or more: 16x8x8"),
+        ("sh_bands=5", "sh_bands is 5; use 2, 3 or 4"),
+    ],
+)
+def test_surfel_caches_that_make_no_sense(refused, setting, told):
+    assert told in refused(2, "--set", f"surfel-cache.{setting}", technique="surfel-cache")
+
+
+def test_fewer_surfels_than_objects(refused):
+    few = ["--set", "surfel-cache.surfels=4", "--set", "surfel-cache.links=2"]
+    told = refused(2, *few, technique="surfel-cache")
+    assert "4 surfels for the 7 objects of the scene 'cornell-box'; give 7 or more" in told
+
+
+def test_more_links_than_the_profile_holds_are_refused_before_anything_is_baked(refused, cache):
+    many = ("links=254", "sh_bands=4", "caches=200000")
+    given = [part for one in many for part in ("--set", f"surfel-cache.{one}")]
+    told = refused(3, *given, technique="surfel-cache", made=True)
+    assert "profile iphone7 has 1,073,741,824" in told
+    assert "lower --set surfel-cache.links" in told
+    assert not list(Path(cache).glob("surfel-cache-*"))
 
 
 @pytest.mark.parametrize("technique", ["ddgi", "gibs", "direct"])

@@ -56,7 +56,7 @@ def direct(scene, motion=None, variant=TUNED, size=64, image=(48, 32)):
 
 
 # Small enough to be set up twice, where a technique has them.
-SMALL = {"counts": "2x2x2", "surfels": 50}
+SMALL = {"counts": "2x2x2", "surfels": 50, "links": 8, "caches": 60, "relaxation": 1}
 
 FOLLOWING = [n for n, spec in techniques().items() if Follows.DIRECT_LIGHT in spec.follows]
 

@@ -137,10 +137,10 @@ class Sizes:
 
 
 def least_slots(settings: SurfelCacheSettings) -> int:
-    """Caches that there is room for whatever is baked: half of those that the map aims for, so that
-    what cannot fit is refused before.
+    """Caches that there is room for whatever is baked: three quarters of those that the map aims
+    for, so that what cannot fit is refused before. Seldom are more than a quarter inside geometry.
     """
-    return -(-settings.caches // 2)
+    return -(-3 * settings.caches // 4)
 
 
 def padded_links(links: int, tuned: bool, vector: int) -> int:
