@@ -15,6 +15,8 @@ from gibench.project.model import LATENCY, LAUNCH, Times
 RANGE, ORDER, UNKNOWN = "range", "order of magnitude", "cannot tell"
 SURE, LIKELY = "sure", "likely"
 PERCENTILES = (5.0, 95.0)
+PAIR_PERCENTILES = (2.5, 97.5)
+"""Between which a ratio must not be 1 where it is called sure."""
 SHOWN_WIDTH = 3.0
 """Ranges that are wider show no point in them."""
 _RANGE_WIDTH, _ORDER_WIDTH = 4.0, 10.0
@@ -128,9 +130,9 @@ class Ratio:
     """One thing's time over another's on the same machine.
 
     Attributes:
-        low: 5 % of the points lie below.
+        low: 2.5 % of the points lie below.
         nominal: at the nominal point.
-        high: 5 % lie above.
+        high: 2.5 % lie above.
         verdict: ``sure``, ``likely`` or ``cannot tell`` which is faster.
     """
 
@@ -143,7 +145,7 @@ class Ratio:
 def ratio(one: Total, other: Total) -> Ratio:
     """How much longer ``one`` takes than ``other``; unknowns that both share cancel."""
     found = one.times / other.times
-    low, high = (float(x) for x in np.percentile(found, PERCENTILES))
+    low, high = (float(x) for x in np.percentile(found, PAIR_PERCENTILES))
     above = float(np.mean(found > 1))
     verdict = UNKNOWN
     if low > 1 or high < 1:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.profiles import Machine
+from gibench.project.model import LAUNCH
 from gibench.project.ranges import Total
 from gibench.project.unknowns import kernel_points, machine_points
 from gibench.resources import data
@@ -29,6 +30,7 @@ KEYS = ("application", "kernel", "size")
 _WORD, _SECTOR = 4, 32
 _ACCESSES = 0.35
 """Of a kernel's instructions, those that touch memory: an estimate."""
+_LAUNCH = "the launch cost rules, and how much of it was recorded is not known"
 
 
 def measured() -> pd.DataFrame:
@@ -41,7 +43,7 @@ def measured() -> pd.DataFrame:
 
 
 def bounded(row: pd.Series, machine: Machine) -> Total:
-    """Times of a kernel between its bounds, evenly on a logarithmic scale.
+    """Times of a kernel at its bounds.
 
     Args:
         row: of :func:`measured`.
@@ -59,9 +61,11 @@ def bounded(row: pd.Series, machine: Machine) -> Total:
     most = np.maximum(issue, instructions * _ACCESSES * _SECTOR / dram)
     waiting = instructions / float(row["workitems"]) * _ACCESSES * value["dram_latency_ns"] * 1e-6
     most = np.maximum(np.maximum(most, waiting), least)
-    place = own.places["throughput"]  # where between the bounds: not known
+    # Either bound: where between them it lies is not a matter of chance.
+    place = np.where(own.places["throughput"] < 0.5, 0.0, 1.0)
+    place[0] = 0.5
     launch = value["launch_us"] * 1e-3
     times = least * (most / least) ** place + launch
     places = {**at.places, "place between the bounds": place}
-    bound = "launch cost" if launch[0] > times[0] / 2 else "DRAM"
-    return Total(times, bound, places)
+    bound = LAUNCH if launch[0] > times[0] / 2 else "DRAM"
+    return Total(times, bound, places, _LAUNCH if bound == LAUNCH else "")

@@ -11,7 +11,7 @@ from scipy.stats import spearmanr
 
 from gibench.arrays import Doubles
 from gibench.project.model import LATENCY
-from gibench.project.ranges import PERCENTILES, UNKNOWN
+from gibench.project.ranges import PAIR_PERCENTILES, UNKNOWN
 from gibench.study.validation import convolution, opendwarfs, published
 from gibench.study.validation.frozen import (
     CONVOLUTION,
@@ -121,7 +121,7 @@ def _pairs(rows: pd.DataFrame, times: Doubles) -> tuple[int, int, int, int]:
     sure = right = apart = apart_sure = 0
     for first in range(len(rows) - 1):
         ratio = logs[first] - logs[first + 1 :]
-        low, high = np.percentile(ratio, PERCENTILES, axis=1)
+        low, high = np.percentile(ratio, PAIR_PERCENTILES, axis=1)
         truth = ms[first] - ms[first + 1 :]
         known = np.isfinite(low)
         called = known & ((low > 0) | (high < 0)) & (np.abs(truth) > np.log(_NEAR))
