@@ -36,6 +36,16 @@ def advise(
     frames: options.SettleFrames = 256,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
+    project: Annotated[
+        str | None,
+        typer.Option(
+            "--project",
+            metavar="NAME|FILE",
+            help="Also rank what ran by its projected GI on a device that is not here, as ranges; "
+            "needs the extra 'project'.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -81,6 +91,7 @@ def advise(
         frames=frames,
         resolution=resolution,
         camera=camera,
+        project=project,
         out=out,
         seed=seed,
         device=device,
@@ -91,6 +102,10 @@ def advise(
         from gibench.report.advice import show_advice
 
         show_advice(result.table, result.profile, budget_ms, cpu_name())
+        if result.projected is not None:
+            from gibench.report.projection import show_ranking
+
+            show_ranking(result.projected)
         typer.echo(f"see {result.folder}")
     if result.error is not None:
         raise result.error

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -15,15 +17,21 @@ from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
+from gibench.measure.session.shared import Shared
+from gibench.profiles import DeviceProfile
 from gibench.report.advice import advice_report, plot_advice
+from gibench.report.projection import PROJECTED, ranking_section
 from gibench.report.tables import csv_text
 from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
 from gibench.study.quality import check_views, compare
 from gibench.study.quality_rows import QualityOptions, columns
+from gibench.study.regions import WHOLE
 from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
+from gibench.techniques.job import Job
 from gibench.techniques.registry import techniques
+from gibench.trace.extra import require_extra
 from gibench.work import Executor
 
 
@@ -36,12 +44,14 @@ class AdviceResult:
         table: what was tried, best error first among what fits: ``advice.csv``.
         profile: name of the profile.
         error: what is not fine: nothing fits the budget, or it was interrupted.
+        projected: settings by their projected GI on another device, where that was asked.
     """
 
     folder: Path
     table: pd.DataFrame = field(repr=False)
     profile: str
     error: GibenchError | None
+    projected: pd.DataFrame | None = field(default=None, repr=False)
 
 
 def advise(
@@ -60,6 +70,7 @@ def advise(
     frames: int = 256,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
+    project: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
     device: int | None = None,
@@ -82,6 +93,7 @@ def advise(
     arguments["command"] = "advise"
     if not (math.isfinite(budget_ms) and budget_ms > 0):
         raise BadInput(f"--budget-ms {budget_ms:g} is no time", mend="give more than 0 ms")
+    projected_on = _projected_on(project)
     shot = asked.shot_of(resolution, camera)
     profile = asked.load_profiles([device_profile])[0]
     specs = asked.find_techniques(asked.several(technique) or tuple(techniques()))
@@ -126,13 +138,19 @@ def advise(
         keep=lambda number, rows: kept.add([{"number": number, **row} for row in rows]),
         done={number for number in range(1, len(jobs) + 1) if kept.done({"number": number})},
     )
-    rows = kept.table().fillna({"reason": ""}).drop(columns="number")
+    tried = kept.table().fillna({"reason": ""})
+    rows = tried.drop(columns="number")
     if rows.empty:
         raise Interrupted("interrupted before anything was measured")
     table = advice(rows, budget_ms)
     warnings = shared.scene(scene).warnings
     folder.write_text("advice.csv", csv_text(table))
     text = advice_report(table, profile.name, budget_ms, cpu_name(), warnings)
+    projected = None
+    if projected_on is not None and not outcome.interrupted:
+        projected = _ranked(jobs, tried, projected_on, shared, cl_device)
+        folder.write_text(PROJECTED, csv_text(projected))
+        text += "\n" + ranking_section(projected)
     folder.write_text("advice.md", text)
     if (table["status"] == "ok").any():
         plot_advice(folder.path / "pareto", table, budget_ms, cpu_name())
@@ -142,4 +160,27 @@ def advise(
             f"interrupted; {len(table)} of {len(jobs)} settings were tried, see {folder.path}; the "
             f"same command with --out {folder.path} goes on from there"
         )
-    return AdviceResult(folder.path, table, profile.name, error)
+    return AdviceResult(folder.path, table, profile.name, error, projected)
+
+
+def _projected_on(name: str | None) -> DeviceProfile | None:
+    if name is None:
+        return None
+    from gibench.commands.project import machine_profiles
+
+    require_extra()
+    return machine_profiles([name])[0]
+
+
+def _ranked(
+    jobs: Sequence[Job], tried: pd.DataFrame, profile: DeviceProfile, shared: Shared, cl_device: Any
+) -> pd.DataFrame:
+    """What ran, by its projected GI."""
+    from gibench.commands.project import project_job, ranked
+
+    whole = tried[(tried["region"] == WHOLE) & (tried["status"] == "ok")].set_index("number")
+    found = {}
+    for number in whole.index:
+        ((_, each, _),) = project_job(jobs[number - 1], [profile], shared, cl_device)
+        found[number] = each
+    return ranked(found, profile, whole)

@@ -21,8 +21,8 @@ from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.profiles import MACHINE_FIGURES, DeviceProfile, Machine
 from gibench.project.model import Times, launch_times
-from gibench.project.ranges import UNKNOWN, Total, range_of, together
-from gibench.report.projection import COLUMNS, PROJECTED
+from gibench.project.ranges import UNKNOWN, Total, range_of, ratio, together
+from gibench.report.projection import COLUMNS, PROJECTED, RANKED
 from gibench.report.tables import csv_text
 from gibench.techniques.job import Job
 from gibench.techniques.technique import GI
@@ -158,6 +158,34 @@ def project_job(
         launches = trace_frame(session, FRAME, look)
         stages = {item.name: str(item.stage) for item in session.prepared}
     return [(each, _projected(launches, each, stages), stages) for each in profiles]
+
+
+def ranked(
+    found: Mapping[int, Projected], profile: DeviceProfile, about: pd.DataFrame
+) -> pd.DataFrame:
+    """Settings by their projected GI, the fastest first, with how sure it is that each is slower
+    than the one before it in the table and than the first.
+
+    Args:
+        found: by number of the setting.
+        profile: what they are projected on.
+        about: a row for each, by number: technique, variant, settings, receivers.
+    """
+    totals = {number: each.gi for number, each in found.items()}
+    known = {n: each for n, each in totals.items() if isinstance(each, Total)}
+    order = sorted(known, key=lambda number: float(known[number].times[0]))
+    rows: list[Row] = []
+    for place, number in enumerate([*order, *(n for n in totals if n not in known)]):
+        total = totals[number]
+        row = {name: about.loc[number, name] for name in RANKED[1:5]}
+        row |= {"number": number, "device": profile.name, **projected_columns(total, profile)}
+        if isinstance(total, Total):
+            row["rank"] = place + 1
+            if place:
+                row["slower_than_last"] = ratio(total, known[order[place - 1]]).verdict
+                row["slower_than_first"] = ratio(total, known[order[0]]).verdict
+        rows.append(row)
+    return pd.DataFrame(rows, columns=list(RANKED))
 
 
 def _projected(

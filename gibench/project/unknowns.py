@@ -45,7 +45,7 @@ MODEL: Mapping[str, Interval] = {
     ),
     "throughput": Interval(
         *(0.85, 1.05, 1.3),
-        "estimate: what all launches of a kernel share; parts that the model overlaps do so in part",
+        "estimate: what launches of a kernel share; what the model overlaps does so in part",
     ),
     "latency": Interval(
         *(0.5, 1.0, 2.0), "our trial: latency-bound slopes 2 and more times off: estimate"
@@ -54,9 +54,9 @@ MODEL: Mapping[str, Interval] = {
 """What the model does not know of any device."""
 OWN = Interval(
     *(0.67, 1.0, 2.0),
-    "published models of the kind are 17 to 29 % off on average (GROPHECY 2011; Konstantinidis and "
-    "Cotronis 2017; our trial): 1.5 times at the ends; further up, as a compiler may spill registers "
-    "or outgrow the instruction cache, which cannot be seen: estimate",
+    "published models of the kind are 17 to 29 % off on average (GROPHECY 2011; Konstantinidis "
+    "and Cotronis 2017; our trial): 1.5 times at the ends; further up, as a compiler may spill "
+    "registers or outgrow the instruction cache, which cannot be seen: estimate",
 )
 """What sets a launch apart beyond the model, another configuration of the same kernel too."""
 _SAMPLING = "sampling"

@@ -12,6 +12,13 @@ COLUMNS = (
     *("projected_low_ms", "projected_nominal_ms", "projected_high_ms"),
     *("bound_by", "driven_by", "verdict", "projection_reason"),
 )
+RANKED = (
+    *("rank", "technique", "variant", "settings", "receivers", "number", "device"),
+    *("projected_low_ms", "projected_nominal_ms", "projected_high_ms"),
+    *("slower_than_last", "slower_than_first", "bound_by", "driven_by"),
+    *("verdict", "projection_reason"),
+)
+"""Columns of what ``advise`` projects: the GI of a frame."""
 WARNING = (
     "Projected from traces and published figures, never measured: no such device was here. Each is "
     "a range from low to high; a time in it is given where the two are within 3 times."
@@ -60,6 +67,60 @@ def projected_section(table: pd.DataFrame) -> str:
         )
         lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def ranking_section(table: pd.DataFrame) -> str:
+    """The section of advice: settings by projected GI.
+
+    Args:
+        table: with columns ``RANKED``.
+    """
+    head = ("rank", "technique", "settings", "receivers", "PROJECTED GI", "than the last",
+            "than the first", "verdict")  # fmt: skip
+    lines = [
+        f"## GI on {table['device'].iloc[0]}: projected, not measured",
+        "",
+        f"{WARNING} Each setting is slower than the one before it, and than the first: surely, "
+        "likely, or it cannot be told.",
+        "",
+        "| " + " | ".join(head) + " |",
+        "|" + " --- |" * len(head),
+    ]
+    lines += ["| " + " | ".join(cells) + " |" for cells in _ranked_cells(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _ranked_cells(table: pd.DataFrame) -> list[list[str]]:
+    def text(value: object) -> str:
+        return "" if pd.isna(value) else str(value)  # type: ignore[call-overload]
+
+    return [
+        [
+            "" if pd.isna(row["rank"]) else f"{row['rank']:.0f}",
+            *(text(row[name]) for name in ("technique", "settings")),
+            f"{row['receivers']:,.0f}",
+            range_text(row),
+            *(text(row[name]) for name in ("slower_than_last", "slower_than_first", "verdict")),
+        ]
+        for _, row in table.iterrows()
+    ]
+
+
+def show_ranking(table: pd.DataFrame) -> None:
+    """The same on the terminal."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from gibench.report.terminal import console
+
+    out = console()
+    title = f"GI on {table['device'].iloc[0]}: projected, not measured"
+    shown = Table("rank", "technique", "settings", "receivers", "PROJECTED GI", "than the last",
+                  "than the first", "verdict", title=title, title_justify="left")  # fmt: skip
+    for cells in _ranked_cells(table):
+        shown.add_row(*(escape(cell) for cell in cells))
+    out.print(shown)
+    out.print(WARNING, soft_wrap=True)
 
 
 def show_projection(table: pd.DataFrame) -> None:

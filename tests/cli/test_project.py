@@ -6,12 +6,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from gibench.cli.main import call
-from gibench.profiles import built_in_profiles
-from gibench.report.projection import COLUMNS, projected_section
+from gibench.commands.project import Projected, ranked
+from gibench.errors import GibenchError
+from gibench.profiles import built_in_profiles, load_profile
+from gibench.project.ranges import Total
+from gibench.project.unknowns import POINTS
+from gibench.report.projection import COLUMNS, RANKED, projected_section, ranking_section
 from gibench.trace import extra
 
 SMALL = ("-t", "direct", "--resolution", "48x32", "-n", "2", "-w", "64", "--quiet")
@@ -99,3 +104,27 @@ def test_a_range_that_is_wide_shows_no_time_in_it() -> None:
     assert "| 1.000 to 9.000 ms |" in text
     assert "| cannot tell (1.000 to 40.000 ms) |" in text
     assert "| 1.000 to 2.000 ms (about 1.500) |" in text
+
+
+def test_settings_are_ranked_by_their_projected_gi(rng: np.random.Generator) -> None:
+    noise = rng.uniform(0.95, 1.05, POINTS)
+
+    def projected(ms: float | None, spread: float = 0.0) -> Projected:
+        if ms is None:
+            return Projected({}, GibenchError("too large to trace"), GibenchError("too large"))
+        own = np.exp(spread * rng.normal(size=POINTS))
+        own[0] = noise[0] = 1.0
+        total = Total(ms * noise * own, "DRAM", {"noise": noise})
+        return Projected({}, total, total)
+
+    found = {3: projected(9.0), 5: projected(None), 7: projected(1.0), 8: projected(1.02, 0.4)}
+    columns = {"technique": "srp", "variant": "tuned", "settings": "x", "receivers": 100}
+    about = pd.DataFrame(columns, index=[3, 5, 7, 8])
+    table = ranked(found, load_profile("vega56"), about)
+    assert tuple(table.columns) == RANKED
+    assert table["number"].tolist() == [7, 8, 3, 5]
+    assert table["rank"].tolist()[:3] == [1, 2, 3] and pd.isna(table["rank"][3])
+    assert table["slower_than_first"].tolist()[1:3] == ["cannot tell", "sure"]
+    assert table["verdict"][3] == "cannot tell"
+    text = ranking_section(table)
+    assert "GI on vega56: projected, not measured" in text and "| cannot tell |" in text
