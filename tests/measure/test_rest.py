@@ -309,6 +309,20 @@ def test_experiments_time_what_is_at_rest(specs, tmp_path: Path) -> None:
             assert RestWatch(session, "x moves").in_words() == "never at rest: x moves"
 
 
+def test_frames_that_move_elsewhere_are_set_aside(specs, tmp_path: Path) -> None:
+    """Of a flight, the frames after it, in which the camera is back."""
+    shot = Shot(16, 8, flight=FlightOptions("flight", 3, 20))
+    job, shared = replace(fake_job(rests_after=40), shot=shot), Shared(tmp_path, 0)
+    with Session.open(job, shared, select_cl_device(None)) as session:
+        session.prepare(whole=True)
+        assert RestWatch.over(session).never == "the camera flies"
+        aside = frozenset({Wakes.CAMERA})
+        watch = warm_up(session, 0, Patience(), number_of=lambda n: 23 + n, aside=aside)
+        # The fake counts by the number of its last frame.
+        assert (watch.frames_to_rest, session.technique.last_frame) == (24, 46)  # type: ignore[attr-defined]
+        assert watch.in_words() == "at rest"
+
+
 class Side:
     """A process of ``ab`` that rests after some frames."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 
 from gibench.measure.plan.stopping import Patience
@@ -41,12 +41,16 @@ class RestWatch:
     woken_after: int | None = None
 
     @staticmethod
-    def over(session: Session) -> RestWatch:
+    def over(session: Session, aside: Set[Wakes] = frozenset()) -> RestWatch:
         """Watch ``session``, of which no frame was run yet: what keeps nothing from frame to frame
         is at rest now.
+
+        Args:
+            session: prepared.
+            aside: what moves in other frames than those that are run meanwhile.
         """
         spec = find_technique(session.job.technique)
-        watch = RestWatch(session, kept_awake(spec, session.world))
+        watch = RestWatch(session, kept_awake(spec, session.world, aside))
         watch._look()
         return watch
 
@@ -102,9 +106,9 @@ class RestWatch:
             self.frames_to_rest, self.ms_to_rest = self.frames, self.spent_ms
 
 
-def kept_awake(spec: TechniqueSpec, world: World) -> str:
-    """What of ``world`` moves that keeps ``spec`` from ever being at rest, in words; empty where
-    nothing does.
+def kept_awake(spec: TechniqueSpec, world: World, aside: Set[Wakes] = frozenset()) -> str:
+    """What of ``world``, but for ``aside``, moves that keeps ``spec`` from ever being at rest, in
+    words; empty where nothing does.
     """
     lights = world.scene.lights_at(0)
     moving = {
@@ -112,14 +116,16 @@ def kept_awake(spec: TechniqueSpec, world: World) -> str:
         Wakes.OBJECTS: world.motion is not None,
         Wakes.LIGHTS: any(world.scene.lights_at(frame) != lights for frame in _LIGHT_FRAMES),
     }
-    return " and ".join(one.value for one in Wakes if moving[one] and one in spec.woken_by)
+    waking = spec.woken_by - aside
+    return " and ".join(one.value for one in Wakes if moving[one] and one in waking)
 
 
 def warm_up(
     session: Session,
     least: int,
     patience: Patience,
-    advance: Callable[[int], None] = lambda steps: None,
+    number_of: Callable[[int], int] = lambda frame: frame,
+    aside: Set[Wakes] = frozenset(),
 ) -> RestWatch:
     """Run ``least`` frames of ``session``, and on until it is at rest or ``patience`` is over.
 
@@ -127,10 +133,10 @@ def warm_up(
         session: prepared, of which no frame was run yet.
         least: frames at least.
         patience: how long it is waited for.
-        advance: is told of every frame.
+        number_of: the number a frame is run with, by how many were run before.
+        aside: what moves only in frames of other numbers.
     """
-    watch = RestWatch.over(session)
+    watch = RestWatch.over(session, aside)
     while watch.frames < least or (watch.waits and not patience.over(watch.frames, watch.spent_ms)):
-        watch.ran(session.frame(watch.frames).wall_ms)
-        advance(1)
+        watch.ran(session.frame(number_of(watch.frames)).wall_ms)
     return watch

@@ -63,6 +63,11 @@ class Context:
         """Settings of SRP's bake: the published number of rays, or few where it is to be quick."""
         return {"transport_rays": "64", "relight_samples": "128"} if self.quick else {}
 
+    @property
+    def waits(self) -> Patience:
+        """How long a technique is waited for; not at all where it is to be quick."""
+        return Patience(frames=0) if self.quick else self.patience
+
     def shot(self, own: tuple[int, int]) -> Shot:
         """Image and camera; ``own`` is the experiment's image size, pixels."""
         width, height = (96, 54) if self.quick else self.resolution or own
@@ -342,9 +347,8 @@ def timed(context: Context, job: Job, worker: Worker, own: tuple[int, int]) -> d
         session.prepare(whole=True)
         session.compile()
         warmup, count = (1, 3) if context.quick else (5, context.frames)
-        patience = Patience(frames=0) if context.quick else context.patience
         with worker.alone():
-            rest = warm_up(session, warmup, patience)
+            rest = warm_up(session, warmup, context.waits)
             times = [session.frame(rest.frames + number).wall_ms for number in range(count)]
         summary = summarize(times)
         return {

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.arrays import Doubles
+from gibench.measure.session.rest import warm_up
 from gibench.measure.session.session import Session
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
@@ -20,6 +21,7 @@ from gibench.study.experiments.kept import Found, Kept, of_key
 from gibench.study.switched import LightSwitch, SwitchedShared
 from gibench.study.through_camera import view
 from gibench.techniques.job import Job
+from gibench.techniques.registry import Wakes
 from gibench.work import Worker
 
 _IMAGE = (640, 360)
@@ -43,7 +45,7 @@ _SETTINGS: tuple[tuple[str, str, Mapping[str, str]], ...] = (
     ("gibs", "4 rays a surfel", {"placement": "camera", "rays_per_surfel": "4"}),
 )
 _KEYS = ("scene", "switch", "technique", "setting", "profile")
-_SAMPLE = ("frame", "time_ms", "distance", "mean_distance")
+_SAMPLE = ("frame", "time_ms", "distance", "mean_distance", "rest")
 _COLUMNS = (
     "frames",
     "ms",
@@ -52,6 +54,7 @@ _COLUMNS = (
     "frame_ms",
     "noise",
     "settled",
+    "rest",
 )
 
 
@@ -117,6 +120,14 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
         seen = view(world.scene, world.lightmap, world.camera, *_COMPARED)
         session.prepare(whole=True)
         session.compile()
+        # Under the old light, which those frames before the switch have.
+        rest = warm_up(
+            session,
+            0,
+            context.waits,
+            number_of=lambda frame: frame % lengths.before,
+            aside=frozenset({Wakes.LIGHTS}),
+        )
         for frame in range(lengths.before + lengths.after):
             wall_ms = session.frame(frame).wall_ms
             if frame >= lengths.before:
@@ -131,6 +142,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
             "time_ms": ms,
             "distance": float(distance[number - 1]),
             "mean_distance": float(mean[number - 1]),
+            "rest": rest.in_words(),
         }
         for number, ms in enumerate(times, 1)
     ]
@@ -192,6 +204,7 @@ def row_of(samples: pd.DataFrame) -> dict[str, Any]:
         "frame_ms": float(np.median(times)),
         "noise": noise,
         "settled": said,
+        "rest": samples["rest"].iloc[0] if "rest" in samples else "",
     }
 
 
@@ -226,8 +239,9 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     return "\n\n".join(
         (
             f"All lights but what glows and the environment change at once after {lengths.before} "
-            f"frames; {lengths.after} frames follow. *distance* is the relative L2 distance of the "
-            f"camera's image of indirect irradiance ({width} x {height}, through the lightmap, so "
+            "frames, before which each technique came to rest under the old light (*rest* says "
+            f"whether it did); {lengths.after} frames follow. *distance* is the relative L2 "
+            f"distance of the camera's image of indirect irradiance ({width} x {height}, through the lightmap, so "
             "that it is the same pixels for every technique) from the settled image, the mean of "
             f"the last quarter. *frames* and *ms* count until it is within {NEAR:.0%} and stays "
             "there, 1 frame being at once; *mean frames* and *mean ms* do so for the image's mean "

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from gibench.measure.session.rest import warm_up
 from gibench.measure.session.session import Session
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
@@ -26,6 +27,7 @@ from gibench.study.experiments.kept import Found, Images, Kept, of_key
 from gibench.techniques.camera_path import FLIGHT, FlightOptions
 from gibench.techniques.gibs import Gibs
 from gibench.techniques.job import Job
+from gibench.techniques.registry import Wakes
 from gibench.techniques.technique import Technique
 from gibench.work import Worker
 
@@ -58,6 +60,7 @@ _SAMPLE = (
     "probes",
     "rays",
     "memory_bytes",
+    "rest",
 )
 _KEYS = ("scene", "technique", "budget", "profile")
 
@@ -156,6 +159,14 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
     ):
         session.prepare(whole=True)
         session.compile()
+        # After its flight the camera is where it was before.
+        rest = warm_up(
+            session,
+            0,
+            context.waits,
+            number_of=lambda frame: frames + frame,
+            aside=frozenset({Wakes.CAMERA}),
+        )
         for frame in range(frames):
             times = session.frame(frame)
             when = _when(frame, sizes)
@@ -164,6 +175,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
                 facts = {
                     "when": when,
                     "frame": frame,
+                    "rest": rest.in_words(),
                     **_sizes_now(session.technique),
                     "memory_bytes": session.memory_bytes,
                 }
@@ -220,6 +232,7 @@ def rows_of(samples: pd.DataFrame, key: Mapping[str, Any]) -> list[dict[str, Any
                 **{name: float(frames[name].median()) for name in _TIMES},
                 "frames": len(frames),
                 "memory_bytes": int(last["memory_bytes"]),
+                "rest": last.get("rest", ""),
             }
         )
     return rows
@@ -251,7 +264,7 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
         f"Image {width} x {height}. Times of this machine, not of Ekberg's.",
     )  # fmt: skip
     whole = ["surfels", "probes", "rays", "frames", "memory_bytes"]
-    shown = ok[[*_KEYS, "when", "covered", *whole[:3], *_TIMES, *whole[3:]]]
+    shown = ok[[*_KEYS, "when", "covered", *whole[:3], *_TIMES, *whole[3:], "rest"]]
     formats = {**dict.fromkeys(_TIMES, ".2f"), **dict.fromkeys(whole, ",.0f"), "covered": ".1%"}
     return "\n\n".join(
         (
@@ -309,7 +322,10 @@ EXPERIMENT = Experiment(
     source="section 5.2 of Ekberg 2022",
     profiles=("vega56",),
     keys=_KEYS,
-    columns=("when", "surfels", "covered", "probes", "rays", *_TIMES, "frames", "memory_bytes"),
+    columns=(
+        *("when", "surfels", "covered", "probes", "rays", *_TIMES, "frames", "memory_bytes"),
+        "rest",
+    ),
     points=_points,
     measure=_measure,
     present=_present,
