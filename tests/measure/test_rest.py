@@ -64,6 +64,11 @@ def test_warm_up_waits_within_its_limits_and_then_for_times() -> None:
     plan = Plan(patience=Patience(frames=200, seconds=1.5))
     assert not plan.warm(flat[:120], None)
     assert plan.warm(flat[:150], None)  # 1.5 s of frames of 10 ms
+    assert plan.patience.spent(flat[:149]) is None
+    assert plan.patience.spent(flat[:170]) == 150
+    assert Patience(frames=0).spent([]) == 0
+    unwaited = Plan(patience=Patience(frames=0))
+    assert [unwaited.warm(flat[:n], None) for n in (0, 9, 10)] == [False, False, True]
     assert plan.warm(flat[:150], 144) and not plan.warm([*flat[:5], 40.0], 6)
     assert Plan(patience=Patience(frames=200)).warm(flat[:200], None)
     # Caps on warm-up are counted from rest: frames of growing times after 100 until then.
@@ -164,14 +169,15 @@ def test_the_terminal_says_what_filling_took(run, capsys) -> None:
 
 def test_one_that_never_rests_is_waited_for_within_the_limits(run, tmp_path: Path) -> None:
     row = run(*rests(10**6), "--frames", "4", "--warmup-frames", "24").iloc[0]
-    assert row["rest"] == row["reason"] == "not at rest after 24 frames"
-    assert (row["warmup"], row["frames"], row["status"]) == (24, 4, "ok")
+    assert row["rest"] == row["reason"] == f"not at rest after {row['warmup']} frames"
+    assert 24 <= row["warmup"] <= 24 + 60  # and until times have settled
+    assert (row["frames"], row["status"]) == (4, "ok")
     assert pd.isna(row["frames_to_rest"]) and pd.isna(row["ms_to_rest"])
-    assert "not at rest after 24 frames" in (tmp_path / "out" / "report.md").read_text()
+    assert row["rest"] in (tmp_path / "out" / "report.md").read_text()
     short = run(*rests(10**6), "--frames", "4", "--warmup-seconds", "0.01", out="short").iloc[0]
     assert 1 <= short["warmup"] < 1000
     unwaited = run(*rests(10**6), "--frames", "4", "--warmup-frames", "0", out="none").iloc[0]
-    assert (unwaited["warmup"], unwaited["rest"]) == (0, "not at rest after 0 frames")
+    assert 10 <= unwaited["warmup"] <= 60  # as of one that does not tell
 
 
 def test_exact_warm_up_is_exact_and_says_so(run) -> None:
@@ -228,8 +234,9 @@ def test_pictures_are_of_it_at_rest(run, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(Resting, "images", seen)
     run(*rests(50), "--frames", "12", "--save-images")
     assert taken == [56 + 12 - 1]
-    run(*rests(50), "--frames", "12", "--save-images", "--warmup-frames", "20", out="short")
-    assert taken[1:] == [20 + 12 - 1]
+    limited = ("--save-images", "--warmup-frames", "20")
+    row = run(*rests(900), "--frames", "12", *limited, out="short").iloc[0]
+    assert taken[1:] == [row["warmup"] + 12 - 1]
 
 
 def test_ctrl_c_in_a_long_warm_up_keeps_what_is_there_and_can_be_run_again(

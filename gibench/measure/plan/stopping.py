@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 import numpy as np
 import numpy.typing as npt
@@ -31,13 +32,20 @@ class Patience:
         """Whether so many frames, which took so long, are all that it waits."""
         return frames >= self.frames or spent_ms >= 1e3 * self.seconds
 
+    def spent(self, walls_ms: Sequence[float]) -> int | None:
+        """After how many of these frames (times in order, ms) it was over; None where it is not."""
+        if not self.over(len(walls_ms), sum(walls_ms)):
+            return None
+        elapsed = accumulate(walls_ms, initial=0.0)
+        return next(frames for frames, ms in enumerate(elapsed) if self.over(frames, ms))
+
 
 @dataclass(frozen=True)
 class Plan:
     """How long a configuration is run.
 
-    Warm-up ends when a technique that tells is at rest, or ``patience`` with it is over. It then
-    goes on until the median of the last ``WARMUP_WINDOW`` frames is within ``settled`` of the
+    Warm-up goes on until a technique that tells is at rest, or ``patience`` with it is over, and
+    then until the median of the last ``WARMUP_WINDOW`` frames is within ``settled`` of the
     median of those before (the steady state of Georges, Buytaert and Eeckhout, "Statistically
     rigorous Java performance evaluation", OOPSLA 2007, section 3.4, with medians for their
     coefficient of variation, which stalls of a shared machine never let settle).
@@ -52,7 +60,8 @@ class Plan:
         warmup: exactly so many are run first; None lets the rule decide.
         settled: relative change of the median that counts as settled.
         warmup_most: frames of warm-up at most.
-        warmup_seconds: of warm-up at most; both are counted from when it is at rest.
+        warmup_seconds: of warm-up at most; both are counted from when it is at rest, or no longer
+            waited for.
         patience: how long it is waited for until it is.
         relative_width: of the confidence interval.
         least: frames at least.
@@ -82,8 +91,8 @@ class Plan:
         done = len(walls_ms)
         if self.warmup is not None:
             return done >= self.warmup
-        if waited is None:
-            return self.patience.over(done, sum(walls_ms))
+        if waited is None and (waited := self.patience.spent(walls_ms)) is None:
+            return False
         since = walls_ms[waited:]
         if len(since) >= self.warmup_most or sum(since) > 1e3 * self.warmup_seconds:
             return True

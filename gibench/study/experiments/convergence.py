@@ -241,10 +241,11 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
             f"All lights but what glows and the environment change at once after {lengths.before} "
             "frames, before which each technique came to rest under the old light (*rest* says "
             f"whether it did); {lengths.after} frames follow. *distance* is the relative L2 "
-            f"distance of the camera's image of indirect irradiance ({width} x {height}, through the lightmap, so "
-            "that it is the same pixels for every technique) from the settled image, the mean of "
-            f"the last quarter. *frames* and *ms* count until it is within {NEAR:.0%} and stays "
-            "there, 1 frame being at once; *mean frames* and *mean ms* do so for the image's mean "
+            f"distance of the camera's image of indirect irradiance ({width} x {height}, through "
+            "the lightmap, so that it is the same pixels for every technique) from the settled "
+            "image, the mean of the last quarter. *frames* and *ms* count until it is within "
+            f"{NEAR:.0%} and stays there, 1 frame being at once; *mean frames* and *mean ms* do "
+            "so for the image's mean "
             "luminance, which a technique's own noise hardly moves. *noise* is the median distance "
             "of the last quarter itself. Times are sums of the frames' times by the host's clock.",
             markdown(ok[[*_KEYS, *_COLUMNS]].rename(columns=lambda n: n.replace("_", " ")),
