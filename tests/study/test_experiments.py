@@ -84,6 +84,7 @@ FILES = {
     "surfel-frame": (),
     "surfel-memory": (),
     "surfel-density": ("surfel-density.png", "surfel-density.svg"),
+    "surfel-failures": ("surfel-failures-spot.png", "surfel-failures-corridors.png"),
 }
 
 

@@ -14,6 +14,7 @@ from gibench.study.experiments import (
     scaling,
     sh_order,
     surfel_density,
+    surfel_failures,
     surfel_links,
 )
 from gibench.study.experiments.common import Experiment
@@ -34,6 +35,7 @@ EXPERIMENTS = {
         surfel_links.FRAME,
         surfel_density.MEMORY,
         surfel_density.DENSITY,
+        surfel_failures.FAILURES,
         light_field.EXPERIMENT,
     )
 }

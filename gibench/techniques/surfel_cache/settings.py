@@ -52,6 +52,9 @@ class SurfelCacheSettings:
         "many as a tenth of 'caches' allows",
         "caches",
     )
+    leave_out: bool = _setting(
+        True, "leave out caches inside geometry; off: they darken what lies beside them"
+    )
     hierarchy: str = _setting(
         "clustering",
         "clustering (agglomerative by a neighbour graph), exact (by all pairs, up to "

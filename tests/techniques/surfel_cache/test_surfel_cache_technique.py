@@ -115,6 +115,7 @@ def test_a_bake_is_resumed(cache, tmp_path):
         ("sh_bands", 2, True), ("projection", "runtime", True), ("exponent", 9.0, True),
         ("links", 9, False), ("surfels", 301, False), ("caches", 121, False),
         ("grid", "2x2x2", False), ("hierarchy", "kd-tree", False), ("relaxation", 3, False),
+        ("leave_out", False, False),
     ):  # fmt: skip
         other = replace(context, settings=SPEC.settings({**SMALL, setting: value}))
         assert (SPEC.bake_key(other) == SPEC.bake_key(context)) == same, setting

@@ -22,7 +22,12 @@ _BATCH = 2048
 
 
 def place_caches(
-    scene: Scene, atlas: Atlas, volume: Volume, tracer: RayTracer, offset: float
+    scene: Scene,
+    atlas: Atlas,
+    volume: Volume,
+    tracer: RayTracer,
+    offset: float,
+    leave_out: bool = True,
 ) -> Caches:
     """The caches that do not lie inside geometry, and what they see of the environment.
 
@@ -32,6 +37,7 @@ def place_caches(
         volume: the grid.
         tracer: of the scene.
         offset: that rays start off surfaces by, m.
+        leave_out: caches inside geometry; else all are kept.
     """
     dark = not np.asarray(scene.environment.pixels).any()
     rays = spherical_fibonacci(_INSIDE_RAYS if dark else _ENVIRONMENT_RAYS)
@@ -46,7 +52,7 @@ def place_caches(
             for own in _batches(len(position))
             for part in [position[own]]
         ]
-        kept.append(np.concatenate([backs < most for backs, _ in found]))
+        kept.append(np.concatenate([(backs < most) | (not leave_out) for backs, _ in found]))
         if not dark:
             seen.append(np.concatenate([light for _, light in found])[kept[-1]])
     environment = None if dark else np.concatenate(seen).astype(np.float16)

@@ -41,7 +41,8 @@ from gibench.techniques.surfel_cache.settings import SurfelCacheSettings, parse_
 from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
-SURFELS_VERSION = HIERARCHY_VERSION = ATLAS_VERSION = CACHES_VERSION = LINKS_VERSION = 1
+SURFELS_VERSION = HIERARCHY_VERSION = ATLAS_VERSION = LINKS_VERSION = 1
+CACHES_VERSION = 2
 
 # Caches of a unit of links: some seconds of work at full size.
 _UNIT_CACHES = 64
@@ -128,6 +129,7 @@ def surfel_cache_stages(given: Given) -> tuple[Stage, ...]:
             "surfel-cache-caches",
             CACHES_VERSION,
             volume,
+            settings.leave_out,
             scene.environment.pixels,
             needs=(atlas,),
         ),
@@ -192,7 +194,14 @@ def _caches(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) -> 
     (atlas,) = needed
     scene = given.scene
     volume = volume_of(scene, given.settings)
-    return place_caches(scene, atlas, volume, scene_tracer(scene), surface_offset(scene))
+    return place_caches(
+        scene,
+        atlas,
+        volume,
+        scene_tracer(scene),
+        surface_offset(scene),
+        leave_out=given.settings.leave_out,
+    )
 
 
 def _linker(given: Given, surfels: SurfelSet, tree: Hierarchy) -> Linker:
