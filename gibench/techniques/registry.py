@@ -17,7 +17,7 @@ from gibench.errors import BadInput
 from gibench.profiles.machine import Interval, Machine
 from gibench.profiles.profile import DeviceProfile, Figure
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Scene
+from gibench.scene.model import Camera, Scene
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import Job, Known, Shot, World
 from gibench.techniques.object_motion import MotionOptions
@@ -76,6 +76,11 @@ def no_check(scene: Scene, settings: Any) -> None:
     """For a technique whose settings suit every scene."""
 
 
+def no_remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """For a technique that suits every scene."""
+    return []
+
+
 def nothing_baked(context: BakeContext) -> tuple[Stage, ...]:
     """The stages of a technique that computes nothing ahead of frames."""
     return ()
@@ -101,6 +106,9 @@ class TechniqueSpec:
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
         check: refuses settings that do not suit a scene (BadInput) before any long work.
+        remarks: why the technique will not come within 10 % of the scene's mean indirect light,
+            told before a run: by tests of geometry, lights and settings, a sentence without a full
+            stop each, with the setting that would help and what it costs.
         follows: what of it follows objects that move; what holds only for the scene at rest (a
             bake) does not. One that does not follow with its direct light is not run with motion.
         woken_by: what, where it moves, keeps it from ever being at rest
@@ -120,6 +128,7 @@ class TechniqueSpec:
     stages: Callable[[BakeContext], Sequence[Stage]] = nothing_baked
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     check: Callable[[Scene, Any], None] = no_check
+    remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
     follows: frozenset[Follows] = frozenset()
     woken_by: frozenset[Wakes] = frozenset(Wakes)
     counts: Mapping[str, str] = field(default_factory=dict)

@@ -5,14 +5,14 @@
 // that very ray, while a row of dark ones lowers the variance and raises theirs. Where light comes
 // from few directions the mean is too dark, and the clamp takes what is left (one ray in 10 bright:
 // 11 % too dark; one in 20: 38 %; one in 50: 99 %). Built with FLOORED 1 every ray has at least the
-// weight of a plain mean over the last LONGEST_WINDOW rays, or of all rays while they are fewer;
-// short mean and variance begin as plain means too, and nothing is clamped: 0 %, 2 % and 7 %.
+// weight 1 / LONGEST_WINDOW, and the first ones more, as FIRST_RAYS says; short mean and variance
+// begin so too, and nothing is clamped: 0 %, 2 % and 7 %.
 // FLOORED 0 is the chapter's own.
 #ifndef GIBENCH_GIBS_ESTIMATOR
 #define GIBENCH_GIBS_ESTIMATOR
 
 // estimator: ESTIMATOR_ROWS rows of CAPACITY floats: mean 0-2, short mean 3-5, variance 6-8, blend
-// factor 9, inconsistency 10, rays taken in, at most LONGEST_WINDOW, 11.
+// factor 9, inconsistency 10, rays taken in, as many as make a difference, 11.
 #define ESTIMATOR_ROWS 12
 #define ROW_MEAN 0
 #define ROW_SHORT_MEAN 3
@@ -26,6 +26,9 @@
 #define SMALLEST_VARIANCE 1e-5f
 // Rays; what its least blend would come to if the blend factor did not lower it.
 #define LONGEST_WINDOW 256.0f
+// A ray counts as much as so many before it: the first ones find surfels dark that have had no rays
+// themselves, and a plain mean would keep that for as long as it goes on. Ours.
+#define FIRST_RAYS 4.0f
 
 typedef struct {
     float3 mean, short_mean, variance;
@@ -72,12 +75,13 @@ inline Estimator estimator_new(void)
 // Take in one sample y.
 inline void estimator_add(Estimator *e, float3 y)
 {
-    e->rays = fmin(e->rays + 1.0f, LONGEST_WINDOW);
 #if FLOORED
-    const float least = 1.0f / e->rays;
+    e->rays = fmin(e->rays + 1.0f, FIRST_RAYS * (LONGEST_WINDOW - 1.0f) + 1.0f);
+    const float least = FIRST_RAYS / (e->rays + (FIRST_RAYS - 1.0f));
     // Nothing to compare the first ray with.
     e->mean = e->rays == 1.0f ? y : e->mean;
 #else
+    e->rays = fmin(e->rays + 1.0f, LONGEST_WINDOW);
     const float least = 0.0f;
     // Against fireflies.
     y = fmin(y, 0.1f + e->short_mean + 8.0f * sqrt(fmax(e->variance, SMALLEST_VARIANCE)));

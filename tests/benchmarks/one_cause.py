@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from support.scaled import scaled
 
-from gibench.device.device import select_cl_device
 from gibench.measure.plan.grid import grid
 from gibench.profiles import load_profile
 from gibench.scene.model import DirectionalLight, Environment, Scene
@@ -25,9 +24,11 @@ from gibench.study.frozen import FrozenShared
 from gibench.study.quality import group_of
 from gibench.study.quality_rows import QualityOptions
 from gibench.study.settle import SettleOptions, settle
+from gibench.study.site import Site
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
+from gibench.work import Worker
 
 CACHE = Path("/tmp/gibench-one-cause")
 
@@ -100,13 +101,14 @@ def main(scene: str, technique: str, *configurations: str) -> None:
             flight = FlightOptions("flight", 0, int(text.partition("=")[2]))
         else:
             extra.append(text)
-    shared, device = Lit(CACHE, 0, **lit), select_cl_device(None)
+    shared, site = Lit(CACHE, 0, **lit), Site(CACHE)
+    site.kept(("standing", 0), lambda: shared)
     options = QualityOptions(SettleOptions(frames), target_error=0.03, flip=False)
     for text in ("-", *extra):
         job = job_of(scene, technique, text, receivers, Shot(*image, flight=flight))
-        group = group_of(job, options, shared)
+        group = group_of(job, options, site)
         begin = time.process_time()
-        settled = settle(job, options.settle, shared, device)
+        settled = settle(job, options.settle, shared, site.cl_device, Worker())
         spent = time.process_time() - begin
         found = errors(group.truth, settled.irradiance, {}, with_flip=False)["whole"]
         covered = errors_among(group.truth, settled.irradiance, settled.covered)

@@ -41,6 +41,9 @@ from gibench.techniques.technique import (
 _LOG = logging.getLogger(__name__)
 
 
+_LOG = logging.getLogger(__name__)
+
+
 @dataclass
 class Session:
     """A job on its device: opened, prepared, run frame by frame, read and closed.
@@ -94,6 +97,9 @@ class Session:
         flight, motion = shot.flight.of(scene, camera), shot.motion.of(scene)
         if motion is not None and Follows.DIRECT_LIGHT not in spec.follows:
             raise _stands_still(spec)
+        remarks = spec.remarks(job, scene, camera)
+        for remark in remarks:
+            _LOG.warning("%s on %s: %s", spec.name, scene.name, remark)
         asked = receivers = job.receivers or scene.receivers
         footprint = Footprint(spec, Known(job, scene, receivers, motion=motion))
         if fit:
@@ -119,6 +125,7 @@ class Session:
         if receivers != asked:
             session.fitted = f"fitted: aims for {receivers:,} receivers instead of {asked:,}"
             session.notes.append(f"{session.fitted}, so that it fits profile {job.profile.name}")
+        session.notes += remarks
         if motion is not None:
             session.notes.append(motion.note())
             if Follows.INDIRECT_LIGHT not in spec.follows:

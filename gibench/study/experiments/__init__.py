@@ -5,6 +5,7 @@ from __future__ import annotations
 from gibench.errors import BadInput
 from gibench.study.experiments import (
     convergence,
+    defaults,
     frame_times,
     interpolation,
     light_field,
@@ -37,6 +38,7 @@ EXPERIMENTS = {
         surfel_density.DENSITY,
         surfel_failures.FAILURES,
         light_field.EXPERIMENT,
+        defaults.EXPERIMENT,
     )
 }
 

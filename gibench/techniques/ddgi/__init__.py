@@ -10,8 +10,9 @@ from gibench.device import BufferSpec
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.blending import Published, Tuned, lanes_of
 from gibench.techniques.ddgi.passes import DdgiPasses
-from gibench.techniques.ddgi.placement import make_volume
+from gibench.techniques.ddgi.placement import PROBES_PER_SRP_PROBE, make_volume
 from gibench.techniques.ddgi.probes import Probes
+from gibench.techniques.ddgi.remarks import remarks
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.technique import Ddgi
 from gibench.techniques.job import Known
@@ -27,8 +28,9 @@ __all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]
 def _stages(context: BakeContext) -> tuple[Stage, ...]:
     """The probe volume: made in no time, so that it is not stored."""
     given = context.scene, context.settings
-    low, high = context.scene.bounds
-    key = stage_key("ddgi-volume", 1, low, high, context.scene.probes.count, context.settings)
+    volume = make_volume(*given)
+    where = volume.origin, volume.spacing, volume.counts
+    key = stage_key("ddgi-volume", 2, where, context.settings)
     return (Stage("ddgi-volume", key, compute=_volume, given=given, keep=Keep.NEVER),)
 
 
@@ -59,8 +61,10 @@ def _buffers(known: Known) -> list[BufferSpec]:
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
-    probes = scene.probes.count
-    return {"rays": (64, 256), "probes": (4 * probes, 8 * probes)}
+    probes = make_volume(scene, DdgiSettings()).probes
+    if not scene.probes.automatic:
+        probes = PROBES_PER_SRP_PROBE * scene.probes.count
+    return {"rays": (64, 256), "probes": (probes // 2, probes)}
 
 
 SPEC = TechniqueSpec(
@@ -74,6 +78,7 @@ SPEC = TechniqueSpec(
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     sweep=_sweep,
     check=_check,
+    remarks=remarks,
     memory_options=("--probes", "--set ddgi.rays", "--resolution"),
     counts={"probes": "probes"},
 )

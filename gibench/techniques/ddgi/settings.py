@@ -41,8 +41,9 @@ class DdgiSettings:
     # -- the volume ----------------------------------------------------------------------------
     probes: int | None = _setting(
         None,
-        "most probes in the volume, 8 for each that SRP places if unset; finer light for time and "
-        "memory (Ekberg 2022: 2000)",
+        "most probes in the volume; if unset, 8 for each that the scene says, or where it says "
+        "none as many as its surfaces are close, 216 to 2000; finer light for time and memory "
+        "(Ekberg 2022: 2000)",
         "probes",
     )
     counts: str = _setting(

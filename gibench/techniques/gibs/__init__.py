@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gibench.scene.model import Scene
+from gibench.techniques.gibs.remarks import remarks
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.technique import Gibs, buffers
 from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec, Wakes
@@ -26,5 +27,6 @@ SPEC = TechniqueSpec(
     woken_by=frozenset({Wakes.CAMERA, Wakes.OBJECTS}),
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=_sweep,
+    remarks=remarks,
     counts={"surfels": "surfel_capacity"},
 )

@@ -17,6 +17,7 @@ from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
 from gibench.techniques.srp.common import FRAME_STATE, TransportSizes
 from gibench.techniques.srp.pack import TunedSizes
 from gibench.techniques.srp.published import Published
+from gibench.techniques.srp.remarks import remarks
 from gibench.techniques.srp.settings import SrpSettings
 from gibench.techniques.srp.technique import Srp
 from gibench.techniques.srp.tuned import Tuned
@@ -88,5 +89,6 @@ SPEC = TechniqueSpec(
     create=Srp,
     buffers=_buffers,
     sweep=_sweep,
+    remarks=remarks,
     counts={"probes": "probes"},
 )

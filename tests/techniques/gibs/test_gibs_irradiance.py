@@ -15,11 +15,12 @@ SIZES = (1, 24, 64, 256)
 def estimator_step(e, y, floored):
     """FIELD-NOTES' formulas; e: mean, short mean, variance (3,), blend, inconsistency, rays.
 
-    Floored: no clamp, and each of the three means weighs a ray like a plain mean at least.
+    Floored: no clamp, and each of the three means weighs a ray as much as four of those before at
+    least, and 1/256.
     """
     m, s, v, b, i, n = e
-    n = min(n + 1, 256)
-    least = 1 / n if floored else 0
+    n = min(n + 1, 1021 if floored else 256)
+    least = 4 / (n + 3) if floored else 0
     if floored and n == 1:
         m = y
     if not floored:
@@ -47,7 +48,7 @@ def test_update_surfels_equals_numpy(rng, size, floored):
     choice = np.stack([rng.uniform(0.5, 2, total), rng.integers(0, 16, total)], 1)
     radii = rng.uniform(0.1, 1, n).astype(np.float32)
     estimator = rng.uniform(0.05, 1, (12, n)).astype(np.float32)
-    estimator[11] = rng.choice([0, 1, 2, 40, 254, 255, 256], n)
+    estimator[11] = rng.choice([0, 1, 2, 40, 255, 256, *([1019, 1020, 1021] if floored else [])], n)
     moments = rng.uniform(0.1, 1, (n, 48)).astype(np.float32)
     moments[:, 32:] = rng.integers(0, 21, (n, 16))
     guides = rng.uniform(0, 1, (n, 16)).astype(np.float32)

@@ -1,0 +1,38 @@
+"""Why DDGI will not come near a scene's light, told before a run."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gibench.scene.model import Camera, Scene
+from gibench.techniques.ddgi.placement import SPACINGS, make_volume, wanted_probes
+from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.job import Job
+from gibench.techniques.parts.free_space import free_space
+from gibench.techniques.parts.rare_light import rare_light
+
+# Probes further apart than surfaces lie on both sides of a wall, and few between walls.
+_FURTHEST: Final = 0.9
+# About what a probe takes beside its rays: maps, distances, variation; then a ray's hit and light.
+_PROBE_BYTES: Final = 2000
+_RAY_BYTES: Final = 40
+
+
+def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """Probes too few between surfaces, and light that their rays seldom find."""
+    settings: DdgiSettings = job.settings
+    space, volume = free_space(scene), make_volume(scene, settings)
+    told = []
+    furthest = max(volume.spacing)
+    if furthest > _FURTHEST * space.closeness:
+        wanted = wanted_probes(scene, SPACINGS * space.closeness)
+        mib = wanted * (_PROBE_BYTES + _RAY_BYTES * settings.rays) / 2**20
+        told.append(
+            f"a fifth of the surfaces have others within {space.closeness:.3g} m, and probes are "
+            f"{furthest:.3g} m apart: light is lost in walls or leaks through them; "
+            f"--probes {wanted} sets them close enough, with {wanted / volume.probes:.1f} times "
+            f"the rays and about {mib:.0f} MiB"
+        )
+    window = 2 / (1 - settings.hysteresis) - 1
+    longer = ", or average longer: --set ddgi.hysteresis=0.995 settles in six times the frames"
+    return told + rare_light(space, settings.blended * window, "of a probe", longer)

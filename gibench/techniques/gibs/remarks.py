@@ -1,0 +1,38 @@
+"""Why GIBS will not come near a scene's light, told before a run."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from gibench.scene.model import Camera, Scene
+from gibench.techniques.gibs.settings import GibsSettings
+from gibench.techniques.job import Job
+from gibench.techniques.parts.free_space import free_space, in_reach
+from gibench.techniques.parts.rare_light import rare_light
+from gibench.techniques.registry import PUBLISHED
+
+_REACHED: Final = 0.85  # share of the surface that must be
+_WINDOW: Final = 256  # rays that a surfel's mean holds, kernels_cl/gibs/estimator.cl
+
+
+def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """Surfaces that get no surfel, and light that rays seldom find."""
+    settings: GibsSettings = job.settings
+    by_rays = settings.by_rays(job.variant == PUBLISHED)
+    told = []
+    if not job.shot.flight.frames:
+        share = in_reach(scene, camera, job.shot.width / job.shot.height, by_rays)
+        if share < _REACHED:
+            how = "the camera and the surfels' rays" if by_rays else "the camera"
+            mend = (
+                "--camera-path flight shows it all, with more surfels to trace and to look up"
+                if by_rays
+                else "--set gibs.placement=rays or --camera-path flight reaches more, with more "
+                "surfels to trace and to look up"
+            )
+            told.append(
+                f"{1 - share:.0%} of the surface is out of reach of {how}, gets no surfel and "
+                f"stays black: {mend}"
+            )
+    # A surfel's rays go to one hemisphere.
+    return told + rare_light(free_space(scene), 2.0 * _WINDOW, "of a surfel", "")

@@ -1,0 +1,135 @@
+"""What is measured of a scene before a run, against closed forms; and what remarks say of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.scaled import scaled
+from support.tiny_scenes import box, quad_scene
+
+from gibench.profiles import load_profile
+from gibench.scene.builtin import build
+from gibench.scene.model import Camera, DirectionalLight, Environment, Material, PointLight, Scene
+from gibench.techniques.job import Job, Shot
+from gibench.techniques.parts.free_space import free_space, in_reach
+from gibench.techniques.registry import find_technique
+
+LOOKING = Camera((0.1, 1.3, 0.9), (0.0, 1.0, -1.0), 70.0)
+
+
+def room(**more) -> Scene:
+    """2 x 2.4 x 2.2 m, closed, with a camera in it."""
+    scene, _ = quad_scene(box((-1, 0, -1.1), (1, 2.4, 1.1), inward=True), 2, **more)
+    return replace(scene, cameras=(LOOKING,))
+
+
+def told(scene: Scene, technique: str, variant: str = "tuned", **settings) -> list[str]:
+    spec = find_technique(technique)
+    shot = Shot(64, 36)
+    job = Job(technique, spec.settings(settings), variant, scene.name, load_profile("vega56"), 64,
+              shot=shot)  # fmt: skip
+    return spec.remarks(job, scene, scene.cameras[0])
+
+
+def test_closeness_is_that_of_a_fifth_of_the_surface():
+    """Walls 2 m apart are 36 % of the room's surface; 2.2 m apart the next 31 %."""
+    assert free_space(room()).closeness == pytest.approx(2.0, rel=1e-3)
+    assert free_space(room()).open == 0.0
+    lone, _ = quad_scene([((0, 0, 0), (1, 0, 0), (0, 0, -1))], 2)
+    assert free_space(lone).closeness == np.inf
+    assert free_space(lone).open == 1.0
+
+
+def test_a_lamp_in_a_closed_room_sends_all_its_light_to_the_walls():
+    """4 pi I over the surface, wherever it hangs."""
+    lamp = PointLight((0.3, 1.5, -0.2), (2.0, 2.0, 2.0))
+    area = 2 * (2 * 2.4 + 2 * 2.2 + 2.4 * 2.2)
+    found = free_space(room(lights=(lamp,)))
+    assert found.lamps == pytest.approx(4 * np.pi * 2.0 / area, rel=0.05)
+    assert found.light == found.lamps
+    sun = DirectionalLight((0.0, -1.0, 0.0), (5.0, 5.0, 5.0))
+    assert free_space(room(lights=(sun,))).lamps == 0.0
+
+
+def test_a_sky_above_a_plane(rng):
+    """pi L of a constant one; of one bright texel, all of whose light is its half."""
+    plane, _ = quad_scene([((-1, 0, 1), (2, 0, 0), (0, 0, -2))], 2, sky=(3.0, 3.0, 3.0))
+    found = free_space(plane)
+    assert found.sky == pytest.approx(3 * np.pi, rel=0.02)
+    assert found.bright_sky == 1.0  # one texel
+    pixels = np.zeros((64, 128, 3), np.float32)
+    pixels[10, int(rng.integers(128))] = 1e5
+    sunny = replace(plane, environment=Environment(pixels))
+    polar = np.pi * 10.5 / 64
+    solid = np.sin(polar) * np.pi / 64 * 2 * np.pi / 128
+    found = free_space(sunny)
+    assert found.sky == pytest.approx(1e5 * solid * np.cos(polar), rel=0.02)
+    assert found.bright_sky == pytest.approx(solid / (4 * np.pi), rel=0.02)
+
+
+def test_a_small_lamp_on_the_ceiling():
+    """What it sends is pi L times its area, all of it to the walls; it covers as little of the
+    sphere as it is small and far."""
+    scene = room()
+    lamp, _ = quad_scene([((-0.1, 2.39, -0.1), (0.2, 0, 0), (0, 0, 0.2))], 2)
+    count = len(scene.positions)
+    both = replace(
+        scene,
+        positions=np.concatenate([scene.positions, lamp.positions]),
+        normals=np.concatenate([scene.normals, lamp.normals]),
+        uvs=np.concatenate([scene.uvs, lamp.uvs]),
+        triangles=np.concatenate([scene.triangles, lamp.triangles + count]).astype(np.int32),
+        material_ids=np.r_[scene.material_ids, [1, 1]].astype(np.int32),
+        object_ids=np.r_[scene.object_ids, [9, 9]].astype(np.int32),
+        materials=(Material("grey", (0.5,) * 3), Material("lamp", (0.0,) * 3, (7.0,) * 3)),
+    )
+    found = free_space(both)
+    area = 2 * (2 * 2.4 + 2 * 2.2 + 2.4 * 2.2) + 0.04
+    assert found.emitted == pytest.approx(np.pi * 7 * 0.04 / area, rel=0.1)
+    assert 0.04 / (4 * np.pi * 3**2) < found.small_emitters < 0.04 / (4 * np.pi * 0.5**2)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 2500.0])
+def test_a_scene_in_another_unit_is_the_same(factor):
+    """Its closeness in that unit, and remarks alike but for lengths."""
+    scene, other = build("maze"), scaled(build("maze"), factor)
+    one, two = free_space(scene), free_space(other)
+    assert two.closeness == pytest.approx(factor * one.closeness, rel=1e-3)
+    assert two.lamps == pytest.approx(one.lamps, rel=0.02)
+    spec = find_technique("ddgi")
+    few = spec.settings({"probes": 30})
+    assert len(told(scene, "ddgi", probes=30)) == len(told(other, "ddgi", probes=30)) == 1
+    assert few.probes == 30
+    assert told(other, "ddgi") == told(scene, "ddgi") == []
+
+
+def test_what_rays_reach_from_what_a_camera_shows():
+    # No light is sent: nothing is missed.
+    assert in_reach(room(), LOOKING, 1.0, hops=True) == 1.0
+    lit = room(lights=(PointLight((0.3, 1.5, -0.2), (2.0, 2.0, 2.0)),))
+    assert in_reach(lit, LOOKING, 1.0, hops=False) < 0.5
+    assert in_reach(lit, LOOKING, 1.0, hops=True) == 1.0
+    # The back of a lone thing is seen by nothing that the camera sees.
+    vase = build("vase")
+    assert in_reach(vase, vase.cameras[0], 1.8, hops=True) < 0.6
+    # A room without light and without a door is not missed.
+    rooms = build("two-rooms")
+    assert in_reach(rooms, rooms.cameras[0], 1.8, hops=True) > 0.95
+
+
+def test_remarks_name_the_setting_that_ends_them():
+    maze = build("maze")
+    (one,) = told(maze, "ddgi", probes=30)
+    assert "within 2 m" in one and "MiB" in one
+    wanted = int(one.split("--probes ")[1].split()[0])
+    assert told(maze, "ddgi", probes=wanted) == []
+    (hidden,) = told(maze, "gibs", placement="camera")
+    assert "--set gibs.placement=rays" in hidden
+    assert told(maze, "gibs") == []
+    assert told(maze, "gibs", variant="published") == [hidden]
+    for technique in ("ddgi", "gibs", "srp"):
+        (lamp,) = told(build("big-hall"), technique)
+        assert "emitting surfaces" in lamp and "point lights" in lamp
+    assert told(maze, "srp") == told(maze, "direct") == []
