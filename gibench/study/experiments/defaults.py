@@ -10,7 +10,8 @@ import pandas as pd
 from gibench.measure.plan.view import choose_camera
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
-from gibench.study.quality import group_of, rows_of
+from gibench.study.quality import group_of
+from gibench.study.quality_rows import rows_of
 from gibench.study.settle import settle
 from gibench.techniques.job import Job
 from gibench.techniques.registry import find_technique

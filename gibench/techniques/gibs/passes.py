@@ -112,6 +112,11 @@ class CameraView:
         ]
 
 
+def _chance(share: float) -> np.uint32:
+    """A chance as the kernels compare it, of 2^32."""
+    return np.uint32(min(round(share * 2**32), 2**32 - 1))
+
+
 def _steps(coverage: float) -> int:
     """Coverage as the kernels compare it."""
     return min(round(coverage * COVERAGE_STEPS), 2**24 - 1)
@@ -323,13 +328,12 @@ class FramePasses:
     def placement(self) -> list[Launch]:
         """New surfels where coverage is low, in the image and where rays hit."""
         s, g, v = self.surfels, self.surfels.geometry, self.view
-        chance = min(round(self.settings.placement_chance * 2**32), 2**32 - 1)
         seen = (
             reads("frame", g.frame),
             reads("least", v.least),
             *self.scene.size_args,
             scalar("threshold", np.uint32(_steps(self.settings.placement_threshold))),
-            scalar("chance", np.uint32(chance)),
+            scalar("chance", _chance(self.settings.placement_chance)),
             reads("g_position", v.position),
             reads("g_normal", v.normal),
         )
@@ -358,7 +362,7 @@ class FramePasses:
                 reads("ray_hit", s.ray_hit),
                 *self.scene.surfaces.shape_args,
                 reads("object_of", v.object_of),
-                scalar("chance", np.uint32(chance)),
+                scalar("chance", _chance(self.settings.bare_chance)),
                 scalar("most_alive", np.uint32(int(most))),
             )
             found.append(

@@ -68,6 +68,9 @@ class GibsSettings:
     bare_threshold: float = _setting(
         0.1, "a surface that rays hit is bare where coverage is less; more fills sooner, dearer"
     )
+    bare_chance: float = _setting(
+        0.3, "chance that a cell of the grid places on a bare surface that rays hit in it"
+    )
     placement_chance: float = _setting(0.08, "chance that a tile places; more overlap, sooner full")
     recycle_chance: float = _setting(0.05, "chance per frame that recycling looks at a surfel")
     recycle_unseen_frames: int = _setting(
@@ -97,7 +100,7 @@ class GibsSettings:
         self._require("grid_cells", self.grid_cells <= 512, "at most 512")
         self._require("grid_cells", self.grid_cells >= 2, "at least 2")
         self._require("surfels", self.surfels <= 2**22, "at most 4194304")
-        for name in ("placement_chance", "recycle_chance"):
+        for name in ("placement_chance", "bare_chance", "recycle_chance"):
             self._require(name, 0 <= getattr(self, name) <= 1, "from 0 to 1")
         self._require(
             "recycle_pressure_from", 0 <= self.recycle_pressure_from < 1, "from 0 to below 1"
