@@ -70,6 +70,18 @@ def host_program(
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
     device = Device.unlimited(_cpu())
+    return program_on(device, group, cutouts=cutouts, glow=glow, normal_maps=normal_maps)
+
+
+def program_on(
+    device: Device,
+    group: int = GROUP,
+    *,
+    cutouts: bool = False,
+    glow: bool = False,
+    normal_maps: bool = False,
+) -> HostProgram:
+    """The reference kernels on a device that shares the host's memory; see :func:`host_program`."""
     lanes = device.vector_width
     defines = {"GROUP": group, "VEC": lanes, **({"CUTOUTS": 1} if cutouts else {})}
     defines |= {"GLOW": 1} if glow else {}

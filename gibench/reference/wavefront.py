@@ -91,6 +91,7 @@ class Wavefront:
         bounces: most reflections between a light and the surface whose irradiance is meant; None
             for any number.
         wave_paths: most paths at once.
+        program: the kernels, where not those of the first CPU device.
     """
 
     def __init__(
@@ -100,8 +101,9 @@ class Wavefront:
         start: ReceiverStart | CameraStart,
         bounces: int | None,
         wave_paths: int = WAVE_PATHS,
+        program: HostProgram | None = None,
     ) -> None:
-        self.program: HostProgram = host_program(
+        self.program: HostProgram = program or host_program(
             cutouts=scene.cutouts is not None,
             glow=scene.emitters.glow is not None,
             normal_maps=scene.normal_maps is not None,

@@ -20,72 +20,11 @@ from support.pairwise import pairwise
 from support.vector_widths import skip_too_wide
 
 from gibench.device import kernel_source
+from gibench.techniques.gibs.conform_oracle import gathered
 from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.surfel_grid import PerspectiveGrid, UniformGrid
 
 # -- gathering --------------------------------------------------------------------------------
-
-
-def disk_to_square(x, y):
-    """Shirley and Chiu 1997 by polar angle, float64; the inverse of the concentric map."""
-    r, phi = np.hypot(x, y), np.arctan2(y, x)
-    phi = np.where(phi < -np.pi / 4, phi + 2 * np.pi, phi)
-    quarter = np.floor((phi + np.pi / 4) / (np.pi / 2)).astype(int) % 4
-    t = phi * 4 / np.pi
-    a = np.select([quarter == 0, quarter == 1, quarter == 2], [r, -r * (t - 2), -r], r * (t - 6))
-    b = np.select([quarter == 0, quarter == 1, quarter == 2], [r * t, r, -r * (t - 4)], -r)
-    return a, b
-
-
-def basis(n):
-    """Duff et al. 2017 for (k, 3) normals."""
-    sign = np.copysign(1.0, n[:, 2])
-    a = -1 / (sign + n[:, 2])
-    b = n[:, 0] * n[:, 1] * a
-    t = np.stack([1 + sign * n[:, 0] ** 2 * a, sign * b, -sign * n[:, 0]], 1)
-    return t, np.stack([b, sign + n[:, 1] ** 2 * a, -n[:, 1]], 1)
-
-
-def visibility(moments, normal, offset):
-    """(k,) for k surfels and the offsets of one point from them, float64."""
-    distance = np.linalg.norm(offset, axis=1)
-    direction = offset / distance[:, None]
-    t, b = basis(normal)
-    x, y = (direction * t).sum(1), (direction * b).sum(1)
-    below = (direction * normal).sum(1) < 0
-    size = np.where(below, np.hypot(x, y), 1.0)
-    at = np.stack(disk_to_square(x / size, y / size), 1)
-    at = np.clip((at + 1) * 2 - 0.5, 0, 3)
-    low = np.floor(at).astype(int)
-    high = np.minimum(low + 1, 3)
-    f = at - low
-    k = np.arange(len(normal))
-    m = moments.reshape(-1, 3, 4, 4)
-
-    def mixed(which):
-        v = m[:, which]
-        top = v[k, low[:, 1], low[:, 0]] * (1 - f[:, 0]) + v[k, low[:, 1], high[:, 0]] * f[:, 0]
-        end = v[k, high[:, 1], low[:, 0]] * (1 - f[:, 0]) + v[k, high[:, 1], high[:, 0]] * f[:, 0]
-        return top * (1 - f[:, 1]) + end * f[:, 1]
-
-    mean, square = mixed(0), mixed(1)
-    variance, beyond = np.maximum(square - mean**2, 0), distance - mean
-    bound = variance / (variance + beyond**2)
-    return np.where(beyond <= 0, 1.0, bound**3)
-
-
-def gathered(x, n, position, normal, radius, irradiance, moments):
-    """Irradiance and coverage of one point from all surfels there are, float64."""
-    o = x - position
-    h = (o * normal).sum(1)
-    d = np.sqrt((o * o).sum(1) + (STRETCH**2 - 1) * h * h)
-    t = np.clip(1 - d / radius, 0, 1)
-    w = t * t * (3 - 2 * t) * np.maximum(normal @ n, 0)
-    if moments is not None:
-        w = w * visibility(moments, normal, o)
-    return np.append(
-        (w[:, None] * irradiance).sum(0) / w.sum() if w.sum() else np.zeros(3), w.sum()
-    )
 
 
 GATHERS = [(1, True), *((v, False) for v in (1, 2, 4, 8, 16))]

@@ -7,6 +7,11 @@ from support.srp_setups import VARIANTS, create
 from support.synthetic_bake import random_bake, random_lightmap, random_scene
 
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.techniques.srp.conform_oracle import (
+    expected_irradiance,
+    expected_probe_radiance,
+    write_lambda,
+)
 from gibench.techniques.srp.pack import padded, projection_width
 from gibench.techniques.srp.storage import store_cluster, stored_values
 
@@ -17,40 +22,6 @@ def launch(technique, name, size):
     assert chosen.status == "ok", chosen.problem
     for one in chosen.launches:
         one.enqueue(technique.device.queue)
-
-
-def expected_probe_radiance(scene, bake, radiance):
-    """lambda (p, c, 3) of a map (texels, 3), in float64."""
-    relight = bake.relight
-    environment = scene.environment.radiance(relight.directions)
-    seen = np.where(
-        (relight.texel >= 0)[..., None], radiance[np.maximum(relight.texel, 0)], environment
-    )
-    seen[relight.texel == -2] = 0
-    return np.einsum("psk,sj->pjk", seen, relight.basis.astype(np.float64))
-
-
-def expected_irradiance(bake, radiance, count, storage):
-    """Irradiance (n, 3) of the receivers from lambda (p, c, 3), stored matrices, in float64."""
-    out = np.zeros((count, 3))
-    for cluster in bake.clusters:
-        if len(cluster.projection) == 0:
-            continue
-        stored = store_cluster(cluster, storage)
-        light = radiance[cluster.probes].reshape(-1, 3)
-        basis = stored_values(stored.projection, storage) @ light * stored.scale[:, None]
-        out[cluster.receivers] = stored_values(stored.reconstruction, storage) @ basis
-    return out
-
-
-def write_lambda(technique, radiance):
-    """Put lambda (p, c, 3) where the variant keeps it."""
-    buffer = technique.variant._lambda
-    if buffer.shape[1] == 3 and buffer.shape != radiance.shape:
-        planes = np.zeros(buffer.shape, np.float32)
-        planes[:, :, : radiance.shape[1]] = radiance.transpose(0, 2, 1)
-        radiance = planes
-    technique.device.write(buffer, radiance)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,1 @@
+"""Every kernel against its float64 oracle, on any device (`gibench conform`)."""

@@ -1,0 +1,159 @@
+"""GIBS's kernels against float64 NumPy, for `gibench conform`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from gibench.device import Define, Device, Launch, ProgramSpec, integer, reads, writes
+from gibench.techniques.gibs.conform_oracle import (
+    STRETCH,
+    Array,
+    frame_words,
+    gathered,
+    geometry,
+    neighbour_lists,
+)
+from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run
+from gibench.techniques.parts.macros import SCENE_MACROS
+from gibench.techniques.parts.surfel_grid import NEIGHBOURS, SurfelGrid, UniformGrid
+
+SURFELS, POINTS = 500, 60
+BOUNDS = (np.zeros(3), np.array([1.0, 0.7, 0.9]))
+
+
+def _placed(
+    device: Device, rng: np.random.Generator, grid: UniformGrid, published: bool, size: int
+) -> tuple[Any, SurfelGrid, Array, Array]:
+    """Surfels on a few planes, facing a few ways, sorted into the grid; positions and normals."""
+    position = rng.uniform(*BOUNDS, (SURFELS, 3))
+    axis, rows = rng.integers(0, 3, SURFELS), np.arange(SURFELS)
+    position[rows, axis] = BOUNDS[1][axis] * rng.integers(0, 4, SURFELS) / 3
+    normal = 0.2 * rng.normal(size=(SURFELS, 3))
+    normal[rows, axis] += rng.choice([-1, 1], SURFELS)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    camera = np.array([0.4, 0.3, 0.5])
+    most = min(grid.largest_radius, 9.0)
+    frame = frame_words(SURFELS, camera=camera.tolist(), angle=0.15, least=0.04, most=most)
+    surfels = geometry(device, position, normal, frame)
+    entries = NEIGHBOURS * surfels.capacity
+    sorter = SurfelGrid(device, grid, surfels, published, entries, STRETCH, size)
+    device.write(sorter.table, grid.table(camera.tolist()))
+    for _ in range(2):  # the second frame must find the counts as the first did
+        run(device, sorter.transform_and_count(lambda: SURFELS), size)
+        run(device, sorter.prefix_sum(), size)
+        run(device, sorter.finalise(lambda: SURFELS), size)
+    return surfels, sorter, position, normal
+
+
+def _sorted(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
+    """Every cell's list is NumPy's."""
+    grid = UniformGrid.around(BOUNDS, 8)
+    _, sorter, position, _ = _placed(bench.open(), rng, grid, True, size)
+    starts, found = sorter.read_lists()
+    expected = neighbour_lists(grid, position.astype(np.float32))
+    lengths = np.diff(starts.astype(np.int64))
+    yield off(lengths, np.array([len(one) for one in expected]))
+    if lengths.sum() == sum(map(len, expected)):
+        wanted = np.concatenate([sorted(one) for one in expected])
+        got = [np.sort(found[a:b]) for a, b in pairwise(starts)]
+        yield off(np.concatenate(got).astype(np.int64), wanted.astype(np.int64))
+
+
+def _gather(bench: Bench, rng: np.random.Generator, size: int, published: bool) -> Iterator[float]:
+    """Irradiance and coverage of points: the sum over all surfels there are."""
+    device, grid = bench.open(), UniformGrid.around(BOUNDS, 8)
+    surfels, sorter, position, normal = _placed(device, rng, grid, published, size)
+    near = rng.integers(0, SURFELS, POINTS)
+    x = (position[near] + rng.normal(scale=0.02, size=(POINTS, 3))).astype(np.float32)
+    facing = normal[near] + 0.3 * rng.normal(size=(POINTS, 3))
+    facing = (facing / np.linalg.norm(facing, axis=1, keepdims=True)).astype(np.float32)
+    vec = 1 if published else min(8, device.vector_width)
+    macros = {**SCENE_MACROS, **sorter.defines, "VEC": vec, "DEPTH": False, "GUIDING": False}
+    out = device.empty("out", (POINTS, 4), np.float32)
+    values = {
+        "grid": sorter.table,
+        "starts": sorter.starts,
+        "ends": sorter.counts,
+        "ids": sorter.ids,
+        "packed": sorter.packed or sorter.ids,
+        "world_position": surfels.world_position,
+        "world_normal": surfels.world_normal,
+        "radii": surfels.radii,
+        "mean": surfels.mean,
+        "moments": device.upload("moments", np.zeros((SURFELS, 48), np.float32)),
+        "position": device.upload("x", x),
+        "normal": device.upload("n", facing),
+    }
+    spec = ProgramSpec("gibs/application.cl", macros)
+    args = [reads(name, value) for name, value in values.items() if value is not None]
+    args += [integer("count", POINTS), writes("indirect", out)]
+    run(device, [Launch(spec, "gather_points", args, items=POINTS)], size)
+    radius, mean = device.read(surfels.radii), device.read(surfels.mean).T
+    p, m = (
+        device.read(b).T.astype(np.float64) for b in (surfels.world_position, surfels.world_normal)
+    )
+    yield off(p, position, absolute=1e-6)
+    expected = np.array(
+        [
+            gathered(a.astype(np.float64), b.astype(np.float64), p, m, radius, mean, None)
+            for a, b in zip(x, facing, strict=True)
+        ]
+    )
+    yield at_least(float(np.mean(expected[:, 3] > 0.1)), 0.2)
+    yield off(device.read(out), expected, absolute=2e-5)
+
+
+def _coverage(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
+    """Every tile's least covered pixel."""
+    device, width, height = bench.open(), 50, 37
+    covered = rng.choice([0.0, 0.25, 0.9999, 1.0, 3.7, 1e9], (height, width))
+    surface = rng.random((height, width)) < 0.8
+    g = np.zeros((height, width, 4), np.float32)
+    g[..., 3] = np.where(surface, 3, 0).astype(np.int32).view(np.float32)
+    indirect = np.zeros((height, width, 4), np.float32)
+    indirect[..., 3] = covered
+    across, down = -(-width // 16), -(-height // 16)
+    least = device.empty("least", across * down, np.uint32)
+    args = (
+        reads("g_position", device.upload("g", g)),
+        reads("indirect", device.upload("indirect", indirect)),
+        integer("width", width),
+        integer("height", height),
+        writes("least", least),
+    )
+    macros: dict[str, Define] = {**SCENE_MACROS, **UniformGrid.around(BOUNDS, 4).defines}
+    macros |= {"CAPACITY": 10}
+    macros |= {"ENTRIES": 270, "PUBLISHED": False, "ALL_NEIGHBOURS": False, "VEC": 1}
+    macros |= {"NORMAL_STRETCH": STRETCH, "DEPTH": True, "GUIDING": True, "FLOORED": True}
+    launch = Launch(ProgramSpec("gibs/life.cl", macros), "coverage", args, groups=across * down)
+    run(device, [launch], size)
+    expected = np.full(across * down, 0xFFFFFFFF, np.int64)
+    steps = np.minimum(np.rint(np.float32(covered) * np.float32(4096)), 2**24 - 1)
+    for y, x in np.argwhere(surface):
+        tile = y // 16 * across + x // 16
+        expected[tile] = min(expected[tile], int(steps[y, x]) << 8 | (y % 16) * 16 + x % 16)
+    yield off(device.read(least).astype(np.int64), expected)
+
+
+_SORT = "parts/surfel_sort.cl"
+CASES = [
+    Case("Surfels sorted into cells (published)", (f"{_SORT}:transform_and_count",), _sorted),
+    Case(
+        "GIBS's gather (published)",
+        ("gibs/application.cl:gather_points", f"{_SORT}:finalise"),
+        partial(_gather, published=True),
+        (7, 64),
+    ),
+    Case(
+        "GIBS's gather (tuned)",
+        ("gibs/application.cl:gather_points", f"{_SORT}:sort_lists", f"{_SORT}:pack_lists"),
+        partial(_gather, published=False),
+        (7, 64),
+    ),
+    Case("GIBS's coverage of tiles", ("gibs/life.cl:coverage",), _coverage),
+]

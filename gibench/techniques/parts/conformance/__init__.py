@@ -1,0 +1,1 @@
+"""What `gibench conform` holds kernels against: oracles, random inputs, and what a case is."""

@@ -1,0 +1,213 @@
+"""Shading in float64 NumPy with Embree's visibility: what the frame's kernels are held against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.rays.embree import EmbreeTracer
+from gibench.scene.glow import decoded, shared_exponents
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Camera, DirectionalLight, Light, PointLight, Scene, SpotLight
+
+Array = npt.NDArray[Any]
+
+
+def light_gain(light: Light, position: Array) -> tuple[Array, Array, Array]:
+    """Direction to the light, distance and unoccluded irradiance on a facing surface."""
+    if isinstance(light, DirectionalLight):
+        towards = np.broadcast_to(-np.array(light.direction), position.shape)
+        return towards, np.full(len(position), np.inf), np.broadcast_to(light.irradiance, (1, 3))
+    offset = np.array(light.position) - position
+    distance = np.linalg.norm(offset, axis=1)
+    towards = offset / distance[:, None]
+    gain = np.array(light.intensity) / distance[:, None] ** 2
+    if isinstance(light, SpotLight):
+        outer = np.cos(light.outer_angle)
+        share = (-(towards @ np.array(light.direction)) - outer) / (
+            np.cos(light.inner_angle) - outer
+        )
+        gain = gain * np.clip(share, 0, 1)[:, None] ** 2
+    assert isinstance(light, PointLight | SpotLight)
+    return towards, distance, gain
+
+
+@dataclass
+class Lit:
+    """Direct light at points."""
+
+    irradiance: Array  # (n, 3)
+    certain: Array  # (n,) no shadow ray passes within a hair of an edge
+    rays: Array  # (n,) shadow rays it takes: lights that the surface faces and that reach it
+
+
+def direct_irradiance(
+    scene: Scene, frame: int, position: Array, normal: Array, geometric: Array
+) -> Lit:
+    """Direct light at points (n, 3) with shading and geometric normals."""
+    tracer = EmbreeTracer(scene.corners)
+    position = np.asarray(position, np.float64)
+    total = np.zeros((len(position), 3))
+    certain, rays = np.ones(len(position), bool), np.zeros(len(position), int)
+    rng = np.random.default_rng(5)
+    for light in scene.lights_at(frame):
+        towards, distance, gain = light_gain(light, position)
+        cosine = np.einsum("ij,ij->i", normal, towards)
+        facing = (cosine > 0) & (np.einsum("ij,ij->i", geometric, towards) > 0)
+        certain &= np.abs(np.einsum("ij,ij->i", geometric, towards)) > 1e-4
+        answers = []
+        for jitter in (0, *(1,) * 12):
+            # Shadow rays start up to twice 256 roundings off the point, on its front (sampling.cl).
+            reach = 512 * 2.0**-23 * np.abs(position).max(axis=1, keepdims=True)
+            off = jitter * reach * rng.uniform(-1, 1, position.shape)
+            off -= np.minimum(np.einsum("ij,ij->i", off, geometric), 0)[:, None] * geometric
+            origin = position + 2e-5 * geometric + off
+            limit = np.minimum(distance * 0.9999, 1e6)
+            answers.append(
+                tracer.occluded(
+                    origin.astype(np.float32),
+                    np.ascontiguousarray(towards, np.float32),
+                    limit.astype(np.float32),
+                )
+            )
+        certain &= np.all(answers[0] == np.array(answers), axis=0)
+        rays += facing & (np.broadcast_to(gain, total.shape).sum(axis=1) > 0)
+        total += np.where(facing & ~answers[0], cosine, 0.0)[:, None] * gain
+    return Lit(total, certain, rays)
+
+
+def bilinear(image: Array, x: Array, y: Array, wrap: bool) -> Array:
+    """Values at continuous texel coordinates whose centres are whole numbers; (h, w, k) image."""
+    height, width = image.shape[:2]
+    x0, y0 = np.floor(x).astype(int), np.floor(y).astype(int)
+    fx, fy = (x - x0)[:, None], (y - y0)[:, None]
+
+    def at(row: Array, column: Array) -> Array:
+        if wrap:
+            return np.asarray(image[row % height, column % width])
+        return np.asarray(image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)])
+
+    top = at(y0, x0) * (1 - fx) + at(y0, x0 + 1) * fx
+    end = at(y0 + 1, x0) * (1 - fx) + at(y0 + 1, x0 + 1) * fx
+    return np.asarray(top * (1 - fy) + end * fy)
+
+
+def quantised(pixels: Array) -> Array:
+    """What a texture's values are after 8-bit sRGB."""
+    code = np.where(
+        pixels <= 0.0031308,
+        12.92 * pixels,
+        1.055 * np.asarray(pixels, np.float64) ** (1 / 2.4) - 0.055,
+    )
+    code = np.rint(code * 255) / 255
+    return np.asarray(np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4))
+
+
+@dataclass
+class View:
+    """A camera image, its parts apart."""
+
+    direct: Array  # (h, w, 3) emission, direct light and environment
+    indirect: Array  # (h, w, 3)
+    certain: Array  # (h, w)
+    shadow_rays: Array  # (h, w)
+
+
+def pixel_directions(
+    camera: Camera, width: int, height: int, dx: float = 0.0, dy: float = 0.0
+) -> Array:
+    """Unit directions (h * w, 3) through points (dx, dy) pixels right of and below the centres."""
+    eye, target = np.array(camera.position), np.array(camera.target)
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, camera.up)
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    half = np.tan(np.radians(camera.fov_degrees / 2))
+    y, x = np.divmod(np.arange(width * height), width)
+    sx = ((x + 0.5 + dx) / width * 2 - 1) * half * width / height
+    sy = (1 - (y + 0.5 + dy) / height * 2) * half
+    d = forward + sx[:, None] * right + sy[:, None] * up
+    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
+
+
+def render(
+    scene: Scene,
+    frame: int,
+    width: int,
+    height: int,
+    lightmap: Lightmap | None = None,
+    values: Array | None = None,
+) -> View:
+    """The camera image; ``values`` (h, w, 3) is the lightmap that is looked up."""
+    camera = scene.cameras[0]
+    eye = np.array(camera.position)
+
+    def directions(dx: float, dy: float) -> Array:
+        return pixel_directions(camera, width, height, dx, dy)
+
+    tracer = EmbreeTracer(scene.corners)
+    d = directions(0, 0)
+    origin = np.broadcast_to(eye, d.shape).astype(np.float32)
+    hits = tracer.closest(origin, d.astype(np.float32))
+    certain = np.ones(len(d), bool)
+    for dx, dy in ((1e-3, 1e-3), (-1e-3, 1e-3), (1e-3, -1e-3), (-1e-3, -1e-3)):
+        near = tracer.closest(origin, directions(dx, dy).astype(np.float32))
+        certain &= near.triangle == hits.triangle
+    direct, indirect = scene.environment.radiance(d), np.zeros((len(d), 3))
+    hit = np.flatnonzero(hits.triangle >= 0)
+    triangle = hits.triangle[hit]
+    # The plane's own intersection in float64: Embree's is float32.
+    c = scene.corners[triangle].astype(np.float64)
+    e1, e2 = c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]
+    p = np.cross(d[hit], e2)
+    inverse = 1 / np.einsum("ij,ij->i", p, e1)
+    s = eye - c[:, 0]
+    u = np.einsum("ij,ij->i", s, p) * inverse
+    v = np.einsum("ij,ij->i", d[hit], np.cross(s, e1)) * inverse
+    weights = np.stack([1 - u - v, u, v], axis=1)
+    corner = scene.triangles[triangle]
+
+    def mixed(attribute: Array) -> Array:
+        return np.asarray(np.einsum("nk,nkd->nd", weights, attribute.astype(np.float64)))
+
+    position, normal, uv = mixed(c), mixed(scene.normals[corner]), mixed(scene.uvs[corner])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    geometric = np.cross(e1, e2)
+    geometric /= np.linalg.norm(geometric, axis=1, keepdims=True)
+    albedo, emission = np.empty((len(hit), 3)), np.empty((len(hit), 3))
+    for i, material in enumerate(scene.materials):
+        mine = scene.material_ids[triangle] == i
+        albedo[mine], emission[mine] = material.base_color, material.emission
+        if material.texture >= 0:
+            image = quantised(scene.textures[material.texture].pixels)
+            tx = uv[mine, 0] * image.shape[1] - 0.5
+            ty = (1 - uv[mine, 1]) * image.shape[0] - 0.5
+            albedo[mine] *= bilinear(image, tx, ty, wrap=True)
+    if scene.glow is not None:
+        rows = scene.glow.rows(len(scene.triangles))[triangle]
+        for i, pixels in enumerate(scene.glow.images):
+            mine = np.flatnonzero((rows >= 0) & (scene.glow.image[rows] == i))
+            glow: Array = np.asarray(decoded(*shared_exponents(pixels))).reshape(pixels.shape)
+            at = np.einsum("nk,nkd->nd", weights[mine], scene.glow.uvs[rows[mine]].astype(float))
+            height, width = pixels.shape[:2]
+            tall, wide = glow.shape[:2]
+            tx, ty = at[:, 0] * wide - 0.5, (1 - at[:, 1]) * tall - 0.5
+            emission[mine] = bilinear(glow, tx, ty, wrap=True)
+    front = (np.einsum("ij,ij->i", geometric, d[hit]) < 0)[:, None]
+    lit = direct_irradiance(scene, frame, position, normal, geometric)
+    certain[hit] &= lit.certain | ~front[:, 0]
+    direct[hit] = np.where(front, emission + albedo / np.pi * lit.irradiance, 0)
+    if lightmap is not None and values is not None:
+        at = np.einsum("nk,nkd->nd", weights, lightmap.triangle_uvs[triangle].astype(np.float64))
+        placed = ~np.isnan(at[:, 0])
+        x, y = np.nan_to_num(at).T - 0.5
+        found = bilinear(values, x, y, wrap=False)
+        indirect[hit] = np.where(front & placed[:, None], albedo / np.pi * found, 0)
+    rays = np.zeros(len(d), int)
+    rays[hit] = np.where(front[:, 0], lit.rays, 0)
+    shape = (height, width, 3)
+    images = direct.reshape(shape), indirect.reshape(shape)
+    return View(*images, certain.reshape(shape[:2]), rays.reshape(shape[:2]))
