@@ -27,8 +27,9 @@ from gibench.report.tables import csv_text
 from gibench.techniques.job import Job
 from gibench.techniques.technique import GI
 from gibench.trace.extra import require_extra
+from gibench.trace.kept_streams import streams_of
 from gibench.trace.request import TraceRequest
-from gibench.trace.streams import WaveStreams, streams_of
+from gibench.trace.streams import WaveStreams
 
 FRAME = 4
 """The frame that is traced: what warms up has."""

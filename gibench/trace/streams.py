@@ -1,26 +1,14 @@
-"""What sampled groups ask of memory as waves of one width, for caches to be modelled with.
-
-Kept on disk by a hash of what was traced: a launch is traced once, whatever it is projected on.
-"""
+"""What sampled groups ask of memory as waves of one width, for caches to be modelled with."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles, Longs
-from gibench.trace.request import Sampling, TraceRequest
 
-VERSION = 1
-"""Of what is kept: another one makes traces anew."""
-SAMPLING = Sampling(runs=3, length=24, words=16 << 20, seconds=5.0, unroll=True)
-"""Runs long enough that groups which share a unit and its caches are in them."""
 _BLOCK = 8
 """Sectors of a block that is kept or left out whole: 256 bytes, the longest line."""
 _WORDS = 1 << 19
@@ -98,63 +86,6 @@ class WaveStreams:
         )
 
 
-def streams_of(
-    request: TraceRequest,
-    widths: Sequence[int],
-    cache: Path | None = None,
-    sampling: Sampling = SAMPLING,
-) -> dict[int, WaveStreams]:
-    """The streams of a launch at several widths, traced where they are not in the cache.
-
-    Args:
-        request: what is launched.
-        widths: lanes of a wave, at most 64 each.
-        cache: where traces are kept; None keeps none.
-        sampling: how much is traced.
-
-    Raises:
-        GibenchError: it cannot be traced, or faults.
-    """
-    key = request_key(request, sampling) if cache is not None else ""
-    found: dict[int, WaveStreams] = {}
-    missing = []
-    for width in dict.fromkeys(widths):
-        kept = None if cache is None else _kept(cache / f"trace-{key}-{width}.npz")
-        if kept is None:
-            missing.append(width)
-        else:
-            found[width] = kept
-    if missing:
-        from gibench.trace.analysis import wave_streams
-        from gibench.trace.trace import trace_launch
-
-        trace = trace_launch(request, sampling)
-        for width in missing:
-            found[width] = thinned(wave_streams(trace, width))
-            if cache is not None:
-                _keep(cache / f"trace-{key}-{width}.npz", found[width])
-    return found
-
-
-def request_key(request: TraceRequest, sampling: Sampling) -> str:
-    """A hash of everything that a trace depends on."""
-    digest = hashlib.sha256(
-        repr(
-            (
-                *(VERSION, sampling, request.source, sorted(request.defines.items())),
-                *(request.kernel, request.items, request.groups),
-            )
-        ).encode()
-    )
-    for each in request.args:
-        digest.update(repr((each.name, each.nbytes, each.written)).encode())
-        if each.data is not None:
-            data = np.ascontiguousarray(each.data)
-            digest.update(repr((data.dtype.str, data.shape)).encode())
-            digest.update(data.reshape(-1).view(np.uint8).data)
-    return digest.hexdigest()[:32]
-
-
 def thinned(streams: WaveStreams, most: int = _WORDS) -> WaveStreams:
     """The streams with at most about ``most`` words: one block of addresses in a power of two."""
     kept = 1
@@ -174,26 +105,3 @@ def _chosen(words: Longs, kept: int) -> npt.NDArray[np.bool_]:
     hashed = (blocks * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
     chosen: npt.NDArray[np.bool_] = hashed % np.uint64(kept) == 0
     return chosen
-
-
-def _kept(path: Path) -> WaveStreams | None:
-    if not path.is_file():
-        return None
-    try:
-        with np.load(path) as stored:
-            values: dict[str, Any] = {}
-            for each in fields(WaveStreams):
-                value = stored[each.name]
-                values[each.name] = value.item() if value.ndim == 0 else value
-    except (OSError, ValueError, KeyError):
-        return None  # cut short by a crash: traced anew
-    return WaveStreams(**values)
-
-
-def _keep(path: Path, streams: WaveStreams) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial.npz")
-    np.savez_compressed(
-        partial, **{each.name: getattr(streams, each.name) for each in fields(streams)}
-    )
-    partial.replace(path)

@@ -23,7 +23,8 @@ from gibench.project.ranges import UNKNOWN, Total, range_of, together
 from gibench.project.unknowns import POINTS
 from gibench.report.tables import csv_text
 from gibench.study.validation import convolution, opendwarfs, published
-from gibench.trace import streams
+from gibench.trace.kept_streams import streams_of
+from gibench.trace.streams import WaveStreams
 
 CONVOLUTION, PUBLISHED, DWARFS = "convolution", "published", "opendwarfs"
 SETS = (PUBLISHED, CONVOLUTION, DWARFS)
@@ -101,10 +102,10 @@ def _convolution(cache: Path, tell: Tell) -> _Found:
     profiles = [load_profile(name) for name in convolution.MEASURED]
     widths = sorted({profile.simd_width for profile in profiles})
 
-    def one(number: int) -> dict[int, streams.WaveStreams] | GibenchError:
+    def one(number: int) -> dict[int, WaveStreams] | GibenchError:
         row = {str(name): int(value) for name, value in chosen.iloc[number].items()}
         try:
-            return streams.streams_of(convolution.request(row), widths, cache)
+            return streams_of(convolution.request(row), widths, cache)
         except GibenchError as error:
             return error
 
@@ -144,7 +145,7 @@ def _growth(row: published.Row, profile: DeviceProfile, cache: Path) -> Total:
         found = []
         for name, sizes in launches:
             request = published.request(name, sizes, profile)
-            each = streams.streams_of(request, (profile.simd_width,), cache)
+            each = streams_of(request, (profile.simd_width,), cache)
             found.append(launch_times(each[profile.simd_width], _machine(profile)))
         return together(found)
 
