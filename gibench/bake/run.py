@@ -76,6 +76,12 @@ def run_bake(
     return value
 
 
+def bake_seconds(stages: Sequence[Stage], folder: Path) -> float:
+    """Wall time, s, that computing what is stored of ``stages`` has taken, whenever that was."""
+    stored = [stage for stage in stages if stage.keep is not Keep.NEVER]
+    return sum(BakeStore.of(folder, stage).seconds() for stage in stored)
+
+
 @dataclass
 class _Bake:
     """A bake under way.
@@ -123,6 +129,14 @@ class _Bake:
         """Compute and store ``first`` and what more of a stage can be claimed."""
         stage = shared.stage
         task = self._task(stage)
+        begin = perf_counter()
+        try:
+            self._run_task(shared, first, task)
+        finally:
+            shared.store.add_seconds(perf_counter() - begin)
+
+    def _run_task(self, shared: _Shared, first: Unit, task: Task) -> None:
+        stage = shared.stage
         total = sum(unit.size for unit in shared.missing)
 
         def units() -> Iterator[Unit]:

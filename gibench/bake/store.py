@@ -5,6 +5,7 @@ Layout beneath the folder that :class:`BakeStore` is given::
     <stage>-<key>/         the key's first 20 hexadecimal digits
       manifest.json        the whole key, what it was made from, for people to read
       <unit>.bin           the arrays of a unit
+      seconds              wall time that computing it has taken
       <unit>.claim         locked by the run that is computing the unit
 
 A ``.bin`` file is ``GIBENCH1``, the SHA-256 of what follows, then an uncompressed NumPy ``.npz``.
@@ -142,6 +143,24 @@ class BakeStore:
             return None
         with np.load(io.BytesIO(payload), allow_pickle=False) as archive:
             return {key: archive[key] for key in archive.files}
+
+    def add_seconds(self, seconds: float) -> None:
+        """Add to the wall time that computing this stage has taken so far.
+
+        Raises:
+            CannotRun: the disk is full.
+            BadInput: the folder cannot be written.
+        """
+        self._write("seconds", f"{self.seconds() + seconds:.6f}".encode())
+
+    def seconds(self) -> float:
+        """Wall time that computing this stage has taken, s, by all runs together; 0 where nothing
+        tells.
+        """
+        try:
+            return float((self.path / "seconds").read_text())
+        except (OSError, ValueError):
+            return 0.0
 
     def remove(self, names: Iterable[str]) -> None:
         """Remove units, but for those that another run is computing."""

@@ -74,6 +74,17 @@ Techniques = Annotated[
         rich_help_panel=GRID,
     ),
 ]
+TechniquesOrAll = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--technique",
+        "-t",
+        metavar="NAME",
+        help="Technique to run; by default every one that the scene and the profile allow. "
+        "'gibench techniques' lists them and their settings.",
+        rich_help_panel=GRID,
+    ),
+]
 Variants = Annotated[
     list[str],
     typer.Option(

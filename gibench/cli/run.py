@@ -9,14 +9,13 @@ import typer
 
 from gibench.cli import flight, motion, options
 
-_DEFAULT_TECHNIQUES = ["srp", "direct"]
 _NONE: list[str] = []
 
 
 def run(
     device_profile: options.Profiles = ["iphone7"],  # noqa: B006 (typer copies its defaults)
     scene: options.Scenes = ["cornell-box"],  # noqa: B006
-    technique: options.Techniques = _DEFAULT_TECHNIQUES,
+    technique: options.TechniquesOrAll = None,
     variant: options.Variants = ["tuned"],  # noqa: B006
     sh_order: options.ShOrders = None,
     probes: options.Probes = None,
@@ -89,6 +88,24 @@ def run(
             rich_help_panel=options.OUTPUT,
         ),
     ] = _NONE,
+    quality: Annotated[
+        bool,
+        typer.Option(
+            "--quality/--no-quality",
+            help="Compare the last frame with a quick path-traced truth (5 %, cached).",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = True,
+    budget_ms: Annotated[
+        float,
+        typer.Option("--budget-ms", metavar="MS", help="What a frame may take."),
+    ] = 33.3,
+    gi_budget_ms: Annotated[
+        float,
+        typer.Option(
+            "--gi-budget-ms", metavar="MS", help="What of it global illumination may take."
+        ),
+    ] = 3.0,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -152,19 +169,23 @@ def run(
         fit=fit,
         save_images=save_images,
         project=project,
+        quality=quality,
+        budget_ms=budget_ms,
+        gi_budget_ms=gi_budget_ms,
         out=out,
         seed=seed,
         device=device,
         cache_dir=cache_dir,
     )
     if not quiet and len(result.samples):
-        from gibench.report.terminal import show_run
+        from gibench.report.terminal import show_answers, show_run
 
         show_run(result.passes, result.frames, result.record)
         if result.projected is not None:
             from gibench.report.projection import show_projection
 
             show_projection(result.projected)
+        show_answers(result.answers)
         typer.echo(f"{result.ran} of {len(result.frames)} configurations ran; see {result.folder}")
     if result.error is not None:
         raise result.error

@@ -9,9 +9,14 @@ from pathlib import Path
 from gibench.commands import asked
 from gibench.errors import BadInput
 from gibench.measure.runfolder.folder import write_atomically
-from gibench.report.loaded import QUALITY, load_quality, load_run
+from gibench.report.loaded import QUALITY, LoadedRun, answers_of, load_quality, load_run
 from gibench.report.markdown import report as markdown
 from gibench.report.page import page
+
+
+def _markdown(run: LoadedRun) -> str:
+    found = answers_of(run.path, run.record, run.frames)
+    return markdown(run.passes, run.frames, run.record, found)
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ def make_report(
         text = page(loaded, qualities)
         target = Path(out) if out else loaded[0].path / "report.html"
     else:
-        text = "\n".join(markdown(run.passes, run.frames, run.record) for run in loaded)
+        text = "\n".join(_markdown(run) for run in loaded)
         if out is None:
             return Report(text, None)
         target = Path(out)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,24 +12,33 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.device import select_cl_device
-from gibench.errors import GibenchError, printable
+from gibench.errors import BadInput, GibenchError, Interrupted, printable
 from gibench.measure.plan.grid import job_label
 from gibench.measure.plan.stopping import Patience, Plan
 from gibench.measure.run import Measured, verdict
 from gibench.measure.run import run as measure
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder
-from gibench.measure.runfolder.results import JobResult
+from gibench.measure.runfolder.results import OK, JobResult
 from gibench.measure.session.session import check_job
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
+from gibench.measure.statistics.summary import REAL_TIME_MS
 from gibench.report.images import ImageWriter
+from gibench.report.loaded import ERRORS, answers_of
 from gibench.report.markdown import report
 from gibench.report.projection import PROJECTED, projected_section
 from gibench.report.roofline import write_roofline
 from gibench.report.tables import csv_text, frames_table, passes_table
+from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budgets
+from gibench.study.run_errors import measurable, run_errors
+from gibench.study.site import Site
 from gibench.techniques.job import Job
+from gibench.techniques.registry import techniques
+from gibench.techniques.technique import GI
 from gibench.trace.extra import require_extra
-from gibench.work import Executor
+from gibench.work import Executor, Worker
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -45,6 +55,8 @@ class RunResult:
             interrupted. What was measured is in the tables all the same.
         ran: configurations of which frames were measured.
         projected: ranges on devices that are not here, where they were asked for.
+        answers: which technique fits, for each scene and profile.
+        left_out: techniques that nobody named and the scene does not suit, with why.
     """
 
     folder: Path
@@ -55,12 +67,14 @@ class RunResult:
     error: GibenchError | None
     ran: int
     projected: pd.DataFrame | None = field(default=None, repr=False)
+    answers: list[Answer] = field(default_factory=list, repr=False)
+    left_out: tuple[str, ...] = ()
 
 
 def run(
     device_profile: asked.Texts = ("iphone7",),
     scene: asked.Texts = ("cornell-box",),
-    technique: asked.Texts = ("srp", "direct"),
+    technique: asked.Texts | None = None,
     variant: asked.Texts = ("tuned",),
     sh_order: asked.Numbers = None,
     probes: asked.Numbers = None,
@@ -81,6 +95,9 @@ def run(
     fit: bool = False,
     save_images: bool = False,
     project: asked.Texts = (),
+    quality: bool = True,
+    budget_ms: float = REAL_TIME_MS,
+    gi_budget_ms: float = GI_BUDGET_MS,
     out: str | Path | None = None,
     seed: int = 0,
     device: int | None = None,
@@ -101,16 +118,19 @@ def run(
         GibenchError: the folder cannot be written.
     """
     given = locals()
+    budgets = _budgets(budget_ms, gi_budget_ms)
+    if technique is None:
+        given["technique"] = tuple(techniques())
     arguments = asked.recorded(
-        given, "warmup", "warmup_frames", "warmup_seconds", "cold", "fit", "save_images"
+        given, "warmup", "warmup_frames", "warmup_seconds", "cold", "fit", "save_images", "quality"
     )
+    arguments["budgets"] = asdict(budgets)
     arguments["motion"] = printable(Path(motion).name)
     projected_on = _projected_on(asked.several(project))
     jobs = asked.jobs_of(given)
     cl_device = select_cl_device(device)
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
-    for job in jobs:
-        check_job(job, shared)
+    jobs, left_out = _suited(jobs, shared, all_techniques=technique is None)
     patience = Patience(warmup_frames, warmup_seconds)
     flown = jobs[0].shot.flight.frames
     plan = Plan(frames=frames or flown or None, warmup=warmup, patience=patience)
@@ -128,7 +148,14 @@ def run(
         take_images=_ImageTaker(ImageWriter(folder.path / "images")) if save_images else None,
         write=write_tables,
     )
-    result = _result(folder.path, measured)
+    interrupted = False
+    results = measured.outcome.results
+    compared = measurable([(one.number, one.job) for one in results if _competes(one)])
+    if quality and compared and not measured.outcome.ended:
+        site = Site(shared.cache_dir, seed, device, executor)
+        interrupted = not _keep_errors(folder, compared, site)
+        write_tables(folder, measured.record)
+    result = _result(folder.path, measured, left_out, interrupted)
     if not projected_on or not result.ran or measured.outcome.interrupted:
         return result
     table = _project(folder, jobs, measured, projected_on, shared, cl_device)
@@ -171,7 +198,10 @@ def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
     folder.write_text("passes.csv", csv_text(passes))
     folder.write_text("frames.csv", csv_text(frames))
     write_roofline(folder.path, passes, record)
-    text = report(passes, frames, record)
+    found = answers_of(folder.path, record, frames)
+    table = pd.concat([one.table.assign(scene=one.scene, profile=one.profile) for one in found])
+    folder.write_text("which.csv", csv_text(table))
+    text = report(passes, frames, record, found)
     if (folder.path / PROJECTED).is_file():
         text += "\n" + projected_section(pd.read_csv(folder.path / PROJECTED))
     folder.write_text("report.md", text)
@@ -184,11 +214,77 @@ def _tables(
     return samples, passes_table(samples, record), frames_table(samples, record)
 
 
-def _result(path: Path, measured: Measured) -> RunResult:
+def _result(
+    path: Path, measured: Measured, left_out: Sequence[str], interrupted: bool
+) -> RunResult:
     outcome = measured.outcome
     error = verdict(outcome, path)
+    if interrupted and error is None:
+        error = Interrupted(f"interrupted before errors were known; all times are kept in {path}")
     ran = sum(result.frames > 0 for result in outcome.results)
-    return RunResult(path, measured.record, *_tables(path, measured.record), error, ran)
+    samples, passes, frames = _tables(path, measured.record)
+    return RunResult(
+        folder=path,
+        record=measured.record,
+        samples=samples,
+        passes=passes,
+        frames=frames,
+        error=error,
+        ran=ran,
+        answers=answers_of(path, measured.record, frames),
+        left_out=tuple(left_out),
+    )
+
+
+def _budgets(frame_ms: float, gi_ms: float) -> Budgets:
+    for name, value in (("--budget-ms", frame_ms), ("--gi-budget-ms", gi_ms)):
+        if not 0 < value < float("inf"):
+            raise BadInput(f"{value:g} ms is no budget", where=name, mend="give more than 0")
+    return Budgets(frame_ms, gi_ms)
+
+
+def _suited(
+    jobs: Sequence[Job], shared: Shared, *, all_techniques: bool
+) -> tuple[list[Job], list[str]]:
+    """The jobs that suit their scenes; of techniques that nobody named, those that do not are told.
+
+    Raises:
+        BadInput: a job that was asked for does not suit, or none does.
+    """
+    suited: list[Job] = []
+    left_out: dict[str, None] = {}
+    first: BadInput | None = None
+    for job in jobs:
+        try:
+            check_job(job, shared)
+            suited.append(job)
+        except BadInput as error:
+            if not all_techniques:
+                raise
+            first = first or error
+            left_out.setdefault(f"{job.technique} is left out: {error}")
+    if not suited and first is not None:
+        raise first
+    return suited, list(left_out)
+
+
+def _competes(result: JobResult) -> bool:
+    """Whether it ran, as asked, and has any global illumination to compare."""
+    gi = any(item.stage == GI for item in result.passes)
+    return gi and result.frames > 0 and result.status == OK
+
+
+def _keep_errors(folder: RunFolder, jobs: Sequence[tuple[int, Job]], site: Site) -> bool:
+    """Measure errors and write ``errors.csv``; whether nobody interrupted that."""
+    try:
+        rows = run_errors(jobs, site, Worker())
+    except KeyboardInterrupt:
+        return False
+    except GibenchError as error:
+        _LOG.warning("errors were not measured: %s", error)
+        return True
+    folder.write_text(ERRORS, csv_text(pd.DataFrame(rows, columns=list(ERROR_COLUMNS))))
+    return True
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pandas as pd
 from gibench.errors import BadInput
 from gibench.measure.runfolder.stored_run import read_run
 from gibench.report.tables import frames_table, passes_table
+from gibench.report.which_one import Answer, Budgets, answers
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,17 @@ class LoadedRun:
     frames: pd.DataFrame
 
 
-QUALITY = "quality.csv"
+QUALITY, ERRORS = "quality.csv", "errors.csv"
+
+
+def answers_of(path: Path, record: Mapping[str, Any], frames: pd.DataFrame) -> list[Answer]:
+    """Which technique fits, of the run in ``path``: by the budgets that it was asked for, with the
+    errors that were measured.
+    """
+    asked = record["arguments"].get("budgets") or {}
+    file = path / ERRORS
+    errors = pd.read_csv(file) if file.exists() else None
+    return answers(frames, record, errors, Budgets(**asked))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
+from gibench.report.which_one import Answer, cells, headings
 from gibench.techniques.registry import axis_title
 
 _ROOFS = {
@@ -27,18 +28,25 @@ _ROOFS = {
 }
 
 
-def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
+def report(
+    passes: pd.DataFrame,
+    frames: pd.DataFrame,
+    record: Mapping[str, Any],
+    found: Sequence[Answer] = (),
+) -> str:
     """The report of a run as Markdown.
 
     Args:
         passes: see :func:`gibench.report.tables.passes_table`.
         frames: see :func:`gibench.report.tables.frames_table`.
         record: the content of ``run.json``.
+        found: which technique fits.
     """
     sections = [
         "# gibench run",
         *_warnings(record),
         _measured_on(record),
+        *_which_one(found),
         "## Frames",
         _frames(frames, record),
         *_worst_frames(frames, record),
@@ -52,6 +60,20 @@ def report(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]
         _meaning(record),
     ]
     return "\n\n".join(sections) + "\n"
+
+
+def _which_one(found: Sequence[Answer]) -> list[str]:
+    sections = []
+    for one in found:
+        sections.append(f"## Which one: {one.scene}, profile {one.profile}")
+        rows = [cells(row) for _, row in one.table.iterrows()]
+        sections += [_table(headings(), rows), one.sentence]
+    if found:
+        sections.append(
+            "Error: relative L2 of the indirect irradiance at the receivers against a path-traced "
+            "truth, of the last frame. The slowest 1 % of frames take longer than the worst ms."
+        )
+    return sections
 
 
 def _warnings(record: Mapping[str, Any]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -14,6 +14,7 @@ from rich.table import Table
 
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
 from gibench.measure.statistics.summary import REAL_TIME_MS
+from gibench.report.which_one import Answer, cells, headings
 from gibench.techniques.registry import axis_title
 
 _WIDE = 150  # columns where the output is no terminal, so that nothing is cut
@@ -42,6 +43,22 @@ def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, An
                 f"[yellow]{frame['status']}[/]: {escape(str(frame['reason']))}", soft_wrap=True
             )
         out.print()
+
+
+def show_answers(found: Sequence[Answer]) -> None:
+    """Which technique fits, for each scene and profile: a table and a sentence."""
+    out = console()
+    for one in found:
+        table = Table(
+            title=escape(f"Which one: {one.scene}, profile {one.profile}"), title_justify="left"
+        )
+        for title in headings():
+            words = title in ("technique", "error", "remark")
+            table.add_column(title, justify="left" if words else "right", overflow="fold")
+        for _, row in one.table.iterrows():
+            table.add_row(*map(escape, cells(row)))
+        out.print(table)
+        out.print(escape(one.sentence), soft_wrap=True)
 
 
 def number(value: Any, digits: int = 2) -> str:

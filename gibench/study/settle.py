@@ -36,12 +36,14 @@ class SettleOptions:
             frames doubled.
         jitter: see there; what a technique's own noise may do.
         timed: the times of this many last frames count.
+        seconds: of frames at most, wall time; None for no limit.
     """
 
     frames: int = 512
     tolerance: float = 0.005
     jitter: float = 0.25
     timed: int = 30
+    seconds: float | None = None
 
 
 @dataclass
@@ -121,6 +123,9 @@ def settle(
                 rest.ran(times[-1])
                 still = watch.asks(frames) and watch.stands_still(session.irradiance())
                 if still and not rest.waits:
+                    break
+                if options.seconds is not None and sum(times) > 1e3 * options.seconds:
+                    watch.stands_still(session.irradiance())
                     break
         warm = times[min(3, len(times) - 1) :][-options.timed :]
         return Settled(

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from gibench.bake.run import BakeReport, run_bake
+from gibench.bake.run import BakeReport, bake_seconds, run_bake
 from gibench.bake.stage import Stage
 from gibench.device import BufferSpec, Device
 from gibench.errors import BadInput
@@ -151,6 +151,10 @@ class TechniqueSpec:
             GibenchError: see :func:`gibench.bake.run.run_bake`.
         """
         return run_bake(self.stages(context), context.cache_dir, executor, report)
+
+    def bake_seconds(self, context: BakeContext) -> float:
+        """Wall time, s, that :meth:`bake` has taken, now or when it was stored."""
+        return bake_seconds(self.stages(context), context.cache_dir)
 
     def settings(self, values: Mapping[str, Any]) -> Any:
         """The settings with ``values`` set.

@@ -53,6 +53,7 @@ class JobResult:
         beside_ms: wall times of constant work after each of its frames, where they differ.
         own_ms: what each of these frames kept the device busy itself.
         memory_bytes: the most that was allocated at once.
+        bake_seconds: wall time that baking took, now or when it was stored; None where nothing is.
         notes: for the report.
         base_size: work-group size, where ``auto`` was asked and another than the profile's found.
         sweep: the work-group sizes tried and chosen, where they were.
@@ -77,6 +78,7 @@ class JobResult:
     own_ms: list[float] = field(default_factory=list)
     memory_bytes: int = 0
     camera: str = ""
+    bake_seconds: float | None = None
     notes: list[str] = field(default_factory=list)
     base_size: int | None = None
     sweep: dict[str, Any] | None = None
@@ -126,6 +128,7 @@ class JobResult:
             "own_ms": [round(ms, 4) for ms in self.own_ms],
             "group": self.group,
             "camera": self.camera,
+            "bake_seconds": self.bake_seconds,
             "memory_bytes": self.memory_bytes,
             "memory_budget_bytes": self.job.profile.memory_budget_bytes,
             "status": self.status,

@@ -29,7 +29,7 @@ from gibench.measure.session.shared import Shared
 from gibench.measure.session.tune import tune
 from gibench.progress import progress
 from gibench.techniques.job import AUTO, Job
-from gibench.techniques.registry import declared_counts
+from gibench.techniques.registry import declared_counts, find_technique, nothing_baked
 
 TakeImages = Callable[[JobResult, dict[str, Any]], None]
 
@@ -239,6 +239,11 @@ def _bring_up(loop: Loop, result: JobResult) -> Live:
     session = Session.open(job, loop.shared, loop.cl_device, fit=loop.fit)
     result.receivers_asked = session.receivers_asked
     result.camera = session.world.camera.name
+    world, spec = session.world, find_technique(job.technique)
+    if spec.stages is not nothing_baked:
+        result.bake_seconds = loop.shared.bake_seconds(
+            spec, job.settings, world.scene, world.lightmap
+        )
     result.reason = session.fitted
     chosen = sweep.chosen if sweep else {}
     session.prepare(chosen)

@@ -81,3 +81,9 @@ class Shared:
             if key not in self._baked:
                 self._baked[key] = spec.bake(context, self.executor)
             return lightmap, self._baked[key]
+
+    def bake_seconds(
+        self, spec: TechniqueSpec, settings: Any, scene: Scene, lightmap: Lightmap
+    ) -> float:
+        """Wall time, s, that baking for ``spec`` on ``lightmap`` has taken, whenever that was."""
+        return spec.bake_seconds(BakeContext(scene, lightmap, settings, self.cache_dir, self.seed))

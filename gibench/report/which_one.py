@@ -1,0 +1,214 @@
+"""Which technique fits: the table a run ends with, and the sentence that answers it.
+
+Figures of a run's own frames and record, and errors where they were measured. Nothing here is of
+the modelled device: the sentence says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from gibench.measure.runfolder.results import OK
+from gibench.measure.statistics.summary import REAL_TIME_MS
+from gibench.techniques.registry import axis_title
+
+GI_BUDGET_MS = 3.0
+"""Of a frame at 30 frames per second, what a game gives to global illumination (Bennett 2019,
+chapter 7)."""
+ERROR_COLUMNS = (
+    "configuration",
+    "rel_l2",
+    "rel_l2_noise",
+    "bias",
+    "bias_noise",
+    "uncovered",
+    "unsettled",
+)
+"""Of ``errors.csv``: shares; ``uncovered`` of the receivers that a technique says nothing of;
+``unsettled`` says after how many frames it was not, and is empty where it was."""
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """What a frame may take, ms: in all, and for global illumination."""
+
+    frame_ms: float = REAL_TIME_MS
+    gi_ms: float = GI_BUDGET_MS
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Which technique fits on one scene and profile.
+
+    Attributes:
+        scene: its name.
+        profile: its name.
+        table: a row per configuration: name, gi_ms, frame_ms, worst_ms (the time that 1 % of frames
+            exceed), memory_mib, bake_seconds, rel_l2, bias, uncovered, error (in words, where there
+            is no figure), status (why it does not compete; empty where it does).
+        sentence: the answer.
+    """
+
+    scene: str
+    profile: str
+    table: pd.DataFrame
+    sentence: str
+
+
+def answers(
+    frames: pd.DataFrame,
+    record: Mapping[str, Any],
+    errors: pd.DataFrame | None,
+    budgets: Budgets,
+) -> list[Answer]:
+    """One for each scene and profile of a run.
+
+    Args:
+        frames: see :func:`gibench.report.tables.frames_table`.
+        record: the content of ``run.json``.
+        errors: of :data:`ERROR_COLUMNS`; None where none were measured.
+        budgets: to be kept.
+    """
+    titles = {one["name"]: one.get("title", one["name"]) for one in record["profiles"]}
+    found = []
+    for (scene, profile), group in frames.groupby(["scene", "profile"], sort=False):
+        rows = list(_rows(group, record, errors))
+        words = _sentence(rows, budgets, record["environment"]["cpu"], str(titles[profile]))
+        found.append(Answer(str(scene), str(profile), pd.DataFrame(rows), words))
+    return found
+
+
+def _rows(
+    group: pd.DataFrame,
+    record: Mapping[str, Any],
+    errors: pd.DataFrame | None,
+) -> Iterator[dict[str, Any]]:
+    entries = {entry["configuration"]: entry for entry in record["configurations"]}
+    measured: dict[Any, Any] = {}
+    if errors is not None:
+        measured = errors.set_index("configuration").to_dict("index")
+    for _, row in group.iterrows():
+        number = row["configuration"]
+        error = measured.get(number, {})
+        unsettled = _unsettled(row, error)
+        yield {
+            "configuration": number,
+            "name": _name(row, group, record),
+            "gi_ms": row["gi_ms"],
+            "frame_ms": row["median_ms"],
+            "worst_ms": row["p99_ms"],
+            "memory_mib": row["memory_bytes"] / 2**20,
+            "bake_seconds": entries[number].get("bake_seconds"),
+            "rel_l2": float("nan") if unsettled else error.get("rel_l2", float("nan")),
+            "bias": float("nan") if unsettled else error.get("bias", float("nan")),
+            "uncovered": error.get("uncovered", float("nan")),
+            "error": unsettled,
+            "status": _status(row, unsettled),
+        }
+
+
+def _unsettled(row: pd.Series, error: Mapping[str, Any]) -> str:
+    """That it did not settle, in words: when its error was measured, or else when it was timed.
+    Empty where it did, and where things move so that it never could.
+    """
+    told = error.get("unsettled")
+    if isinstance(told, str) and told:
+        return told
+    rest = row.get("rest")
+    if error or not isinstance(rest, str) or not rest.startswith("not at rest"):
+        return ""
+    return rest.replace("not at rest", "not settled", 1)
+
+
+def _status(row: pd.Series, unsettled: str) -> str:
+    if row["status"] != OK or pd.isna(row["median_ms"]):
+        return str(row["reason"] or row["status"])
+    if not row["gi_ms"] > 0:
+        return "no global illumination"
+    return unsettled
+
+
+def _name(row: pd.Series, group: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    """The technique, with what of it differs from others of the same technique."""
+    mine = group[group["technique"] == row["technique"]]
+    parts = [str(row["technique"])]
+    if _varies(mine["variant"]):
+        parts.append(str(row["variant"]))
+    for axis in record.get("axes", ()):
+        if _varies(mine[axis]):
+            parts.append(f"{axis_title(axis)} {row[axis]}")
+    for column, title in (("receivers", "receivers"), ("workgroup_size", "work-group")):
+        if _varies(mine[column]):
+            parts.append(f"{row[column]:,} {title}")
+    return ", ".join(parts)
+
+
+def _varies(column: pd.Series) -> bool:
+    return len(set(column.astype(str))) > 1
+
+
+def _sentence(rows: Sequence[Mapping[str, Any]], budgets: Budgets, cpu: str, profile: str) -> str:
+    where = f"On this machine ({cpu}), at the limits of {profile}"
+    within = (
+        f"within {budgets.gi_ms:g} ms of global illumination and {budgets.frame_ms:g} ms a frame"
+    )
+    competing = [row for row in rows if not row["status"]]
+    if not competing:
+        return f"{where}, nothing can be said: no technique ran and settled."
+    fits = [row for row in competing if _over(row, budgets) <= 1]
+    if not fits:
+        nearest = min(competing, key=lambda row: _over(row, budgets))
+        return (
+            f"{where}, none fits {within}; nearest comes {_told(nearest)}, "
+            f"{_over(nearest, budgets):.2f} times over."
+        )
+    cheapest = min(fits, key=lambda row: float(row["gi_ms"]))
+    known = [row for row in fits if not pd.isna(row["rel_l2"])]
+    if not known:
+        return f"{where}, the cheapest {within} is {_told(cheapest)}; errors were not measured."
+    truest = min(known, key=lambda row: float(row["rel_l2"]))
+    if truest is cheapest:
+        return f"{where}, the cheapest and the truest {within} is {_told(cheapest)}."
+    return f"{where}, the cheapest {within} is {_told(cheapest)}, the truest {_told(truest)}."
+
+
+def _over(row: Mapping[str, Any], budgets: Budgets) -> float:
+    """The larger share of a budget that it takes."""
+    return max(float(row["gi_ms"]) / budgets.gi_ms, float(row["frame_ms"]) / budgets.frame_ms)
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    off = "" if pd.isna(row["rel_l2"]) else f", {100 * row['rel_l2']:.0f} % off the truth"
+    return f"{row['name']} ({row['gi_ms']:.1f} ms of {row['frame_ms']:.1f}{off})"
+
+
+def headings() -> Sequence[str]:
+    """Of the rows that :func:`cells` gives."""
+    return (
+        *("technique", "GI ms", "worst 1 % of frames ms", "frame ms", "MiB", "bake s", "error"),
+        *("bias", "not covered", "remark"),
+    )
+
+
+def cells(row: pd.Series) -> list[str]:
+    """A row of the table, to read."""
+    return [
+        row["name"],
+        _figure(row["gi_ms"], "{:,.2f}"),
+        _figure(row["worst_ms"], "{:,.2f}"),
+        _figure(row["frame_ms"], "{:,.2f}"),
+        _figure(row["memory_mib"], "{:,.1f}"),
+        _figure(row["bake_seconds"], "{:,.0f}"),
+        row["error"] or _figure(row["rel_l2"], "{:.1%}"),
+        _figure(row["bias"], "{:+.1%}"),
+        _figure(row["uncovered"], "{:.0%}") if row["uncovered"] > 0 else "",
+        "" if row["status"] == row["error"] else row["status"],
+    ]
+
+
+def _figure(value: Any, form: str) -> str:
+    return "" if value is None or pd.isna(value) else form.format(value).replace("%", " %")

@@ -1,0 +1,132 @@
+"""Errors of a run's techniques against a quick path-traced truth, under standing lights.
+
+As ``gibench quality`` finds them, but quicker: the truth is known to 5 % at some thousand of the
+receivers, and a technique has some seconds to settle. ``quality`` is for figures to publish.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from gibench.arrays import Doubles
+from gibench.errors import GibenchError
+from gibench.reference import metrics
+from gibench.reference.path_tracer import reference_irradiance
+from gibench.scene.lightmap import Fragments, Lightmap, Receivers
+from gibench.study.settle import Settled, SettleOptions, settle
+from gibench.study.site import Site
+from gibench.techniques.job import Job
+from gibench.work import Worker
+
+QUICK_ERROR = 0.05
+"""Mean standard error of the truth over its mean. What noise adds to an error is taken off it."""
+RECEIVERS = 4096
+"""Drawn from all, each as likely as any: 1 of 64 of an error's own size is left to chance."""
+SETTLE = SettleOptions(frames=512, seconds=25.0)
+
+
+def run_errors(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> list[dict[str, Any]]:
+    """A row each of :data:`gibench.report.which_one.ERROR_COLUMNS`.
+
+    Args:
+        jobs: with the number of their configuration; nothing moves in their shots but lights, which
+            stand still here.
+        site: where they run.
+        worker: who runs them.
+
+    Raises:
+        GibenchError: the truth cannot be computed.
+    """
+    return list(_rows(jobs, site, worker))
+
+
+def _rows(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> Iterator[dict[str, Any]]:
+    shared = site.standing()
+    for number, (configuration, job) in enumerate(jobs, 1):
+        among = f"{number} of {len(jobs)}"
+        try:
+            settled = settle(job, SETTLE, shared, site.cl_device, worker, among)
+        except GibenchError as error:
+            yield {"configuration": configuration, "unsettled": f"not compared: {error}"}
+            continue
+        chosen, truth, stderr = site.kept(
+            ("quick truth", job.scene, job.receivers),
+            partial(_quick_truth, job, settled.lightmap, site),
+        )
+        yield {"configuration": configuration, **_errors(settled, chosen, truth, stderr)}
+
+
+def _errors(
+    settled: Settled, chosen: npt.NDArray[np.intp], truth: Doubles, stderr: Doubles
+) -> dict[str, Any]:
+    result, area = settled.irradiance[chosen], settled.lightmap.receivers.area[chosen]
+    off = metrics.relative_l2(result, truth, stderr, area)
+    bias = metrics.bias(result, truth, stderr, area)
+    still = settled.settled and not settled.unrested
+    return {
+        "rel_l2": off.value,
+        "rel_l2_noise": off.noise,
+        "bias": bias.value,
+        "bias_noise": bias.noise,
+        "uncovered": float((~settled.covered).mean()),
+        "unsettled": "" if still else f"not settled after {settled.frames} frames",
+    }
+
+
+def _quick_truth(
+    job: Job, lightmap: Lightmap, site: Site
+) -> tuple[npt.NDArray[np.intp], Doubles, Doubles]:
+    """The receivers chosen, their irradiance (n, 3) and its standard error, W/m2."""
+    shared = site.standing()
+    count = len(lightmap.receivers)
+    rng = np.random.default_rng(job.seed)
+    chosen = np.sort(rng.choice(count, min(count, RECEIVERS), replace=False))
+    found = reference_irradiance(
+        shared.scene(job.scene),
+        some_receivers(lightmap, chosen),
+        target_error=QUICK_ERROR,
+        seed=1,
+        store_dir=shared.cache_dir,
+    )
+    return chosen, found.value, found.stderr
+
+
+def some_receivers(lightmap: Lightmap, chosen: npt.NDArray[np.intp]) -> Lightmap:
+    """``lightmap`` with the receivers ``chosen`` (ascending indices) alone."""
+    receivers, fragments = lightmap.receivers, lightmap.fragments
+    counts = np.diff(fragments.start)[chosen]
+    start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+    first = np.repeat(fragments.start[chosen] - start[:-1], counts)
+    kept = np.arange(start[-1]) + first
+    return replace(
+        lightmap,
+        receivers=Receivers(
+            texel=receivers.texel[chosen],
+            position=receivers.position[chosen],
+            normal=receivers.normal[chosen],
+            albedo=receivers.albedo[chosen],
+            emission=receivers.emission[chosen],
+            area=receivers.area[chosen],
+        ),
+        fragments=Fragments(
+            start=start,
+            corners=fragments.corners[kept],
+            triangle=fragments.triangle[kept],
+            area=fragments.area[kept],
+        ),
+    )
+
+
+def measurable(jobs: Sequence[tuple[int, Job]]) -> list[tuple[int, Job]]:
+    """Those of ``jobs`` that have one truth: no object moves, and the camera rests."""
+    return [
+        (number, job)
+        for number, job in jobs
+        if not job.shot.motion.moves and not job.shot.flight.frames
+    ]
