@@ -38,7 +38,7 @@ def test_wheel_runs_from_another_folder(tmp_path: Path) -> None:
     ran = subprocess.run(
         [
             *(getattr(sys, "_base_executable", sys.executable), "-m", "gibench"),
-            *("run", "--device-profile", "iphone7"),
+            *("run", "--no-quality", "--device-profile", "iphone7"),
             *("--scene", "cornell-box", "--technique", "direct", "--frames", "2"),
             *("--receivers", "600", "--resolution", "64x48"),
             *("--cache-dir", str(tmp_path / "cache"), "--out", str(elsewhere / "out")),

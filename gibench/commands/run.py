@@ -21,8 +21,8 @@ from gibench.measure.runfolder.folder import SAMPLES, RunFolder
 from gibench.measure.runfolder.results import OK, JobResult
 from gibench.measure.session.session import check_job
 from gibench.measure.session.shared import Shared
-from gibench.profiles import DeviceProfile
 from gibench.measure.statistics.summary import REAL_TIME_MS
+from gibench.profiles import DeviceProfile
 from gibench.report.images import ImageWriter
 from gibench.report.loaded import ERRORS, answers_of
 from gibench.report.markdown import report

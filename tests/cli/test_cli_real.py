@@ -51,7 +51,7 @@ def test_baked_once_both_techniques_run_twice_to_the_same_images(
     assert len(stored) >= 2  # the lightmap and a cluster
     pictures = []
     for turn in ("first", "second"):
-        command = ("run", *SMALL, *cache, "--out", str(tmp_path / turn))
+        command = ("run", "--no-quality", *SMALL, *cache, "--out", str(tmp_path / turn))
         if turn == "first":
             assert call([*command]) == 0
             assert capsys.readouterr().err == ""
@@ -77,7 +77,7 @@ def test_baked_once_both_techniques_run_twice_to_the_same_images(
 def test_ctrl_c_ends_a_run_in_one_line_and_keeps_its_samples(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "gibench", "run", "--technique", "direct"),
+            *(sys.executable, "-m", "gibench", "run", "--no-quality", "--technique", "direct"),
             *("--receivers", "600", "--resolution", "32x24", "--frames", "1000000"),
             *("--cache-dir", str(tmp_path / "cache"), "--out", str(tmp_path / "out")),
         ],

@@ -57,8 +57,17 @@ def run(tmp_path: Path, cache: Path):
     def start(*arguments: str, out: str = "out", technique: str = "fake") -> int:
         return call(
             [
-                *("run", "--technique", technique, "--receivers", "500", "--frames", "4"),
-                *("--resolution", "16x8", "--cache-dir", str(cache)),
+                *(
+                    "run",
+                    "--technique",
+                    technique,
+                    "--receivers",
+                    "500",
+                    "--no-quality",
+                    "--frames",
+                    "4",
+                ),
+                *("--resolution", "16x8", "--no-quality", "--cache-dir", str(cache)),
                 *("--out", str(tmp_path / out), *arguments),
             ]
         )

@@ -36,7 +36,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     def start(*arguments: str) -> int:
         return call(
             [
-                *("run", "--technique", "fake", "--receivers", "400", "--quiet"),
+                *("run", "--no-quality", "--technique", "fake", "--receivers", "400", "--quiet"),
                 *("--resolution", "16x8", "--cache-dir", str(tmp_path / "cache")),
                 *("--out", str(tmp_path / "out"), *GRID, *arguments),
             ]
@@ -272,7 +272,7 @@ def test_a_run_into_a_full_file_system_says_so(tmp_path: Path) -> None:
     out = ["--out", str(place / "out")]
     try:
         ran = subprocess.run(
-            [sys.executable, "-m", "gibench", "run", *options, *more, *out],
+            [sys.executable, "-m", "gibench", "run", "--no-quality", *options, *more, *out],
             capture_output=True,
             text=True,
             timeout=120,

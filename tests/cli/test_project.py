@@ -28,7 +28,9 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def ran(out: Path, cache: Path, *arguments: str) -> int:
-    return call(["run", *SMALL, "--out", str(out), "--cache-dir", str(cache), *arguments])
+    return call(
+        ["run", "--no-quality", *SMALL, "--out", str(out), "--cache-dir", str(cache), *arguments]
+    )
 
 
 def test_a_run_is_projected_only_where_that_is_asked(tmp_path: Path, cache: Path) -> None:

@@ -23,7 +23,16 @@ def refused(tmp_path, cache, capsys):
 
     def run(code: int, *arguments: str, technique: str, made: bool = False) -> str:
         out = tmp_path / str(len(list(tmp_path.iterdir())))  # a folder of its own
-        command = ["run", "--technique", technique, "--scene", "cornell-box", "--receivers", "200"]
+        command = [
+            "run",
+            "--no-quality",
+            "--technique",
+            technique,
+            "--scene",
+            "cornell-box",
+            "--receivers",
+            "200",
+        ]
         command += ["--resolution", "16x8", "--frames", "1", "--cache-dir", cache]
         assert call([*command, "--out", str(out), *arguments]) == code
         told = capsys.readouterr()

@@ -121,7 +121,7 @@ def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path) -> None
         out = tmp_path / type(executor).__name__
         ran = gibench.run(
             technique=["gibs", "srp"], sh_order=[0, 1], frames=2, warmup=0, save_images=True,
-            out=out / "run", executor=executor, **small, **BAKE,
+            quality=False, out=out / "run", executor=executor, **small, **BAKE,
         )  # fmt: skip
         found["run"].append(ran.samples.drop(columns=["time_ms", "frame_wall_ms"]))
         advised = gibench.advise(
@@ -193,7 +193,7 @@ def test_a_setting_given_twice_is_an_axis_on_the_command_line(tmp_path: Path) ->
         [
             *("run", "-t", "gibs", "-t", "direct", "--set", "gibs.ray_budget=1000"),
             *("--set", "gibs.ray_budget=3000", "--set", "gibs.surfels=300", "--receivers", "300"),
-            *("--frames", "2", "--warmup", "0", "--resolution", "32x24", "-q"),
+            *("--frames", "2", "--warmup", "0", "--resolution", "32x24", "-q", "--no-quality"),
             *("--out", str(tmp_path / "run"), "--cache-dir", str(tmp_path / "cache")),
         ]
     )

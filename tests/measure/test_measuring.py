@@ -116,7 +116,7 @@ def fakes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
         out = tmp_path / f"run{len(list(tmp_path.iterdir()))}"
         code = call(
             [
-                *("run", "--technique", "fake", "--receivers", "400", "--quiet"),
+                *("run", "--no-quality", "--technique", "fake", "--receivers", "400", "--quiet"),
                 *("--cache-dir", str(tmp_path / "cache"), "--out", str(out), *arguments),
             ]
         )
@@ -189,7 +189,7 @@ def test_the_harness_costs_little_of_a_frame(technique: str, tmp_path: Path) -> 
     small = ("--set", "srp.transport_rays=32", "--set", "srp.relight_samples=128")
     code = call(
         [
-            *("run", "--technique", technique, "--receivers", "2000", "--quiet"),
+            *("run", "--no-quality", "--technique", technique, "--receivers", "2000", "--quiet"),
             *(small if technique == "srp" else ()),
             *("--frames", "12", "--warmup", "3", "--out", str(tmp_path / "out")),
             *("--cache-dir", str(tmp_path / "cache")),

@@ -129,7 +129,7 @@ def specs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 @pytest.fixture
 def run(specs: dict[str, Any], tmp_path: Path):
     def start(*arguments: str, code: int = 0, out: str = "out") -> pd.DataFrame:
-        command = ["run", "--technique", "fake", "--receivers", "400", "--quiet"]
+        command = ["run", "--no-quality", "--technique", "fake", "--receivers", "400", "--quiet"]
         command += ["--resolution", "16x8", "--cache-dir", str(tmp_path / "cache")]
         assert call([*command, "--out", str(tmp_path / out), *arguments]) == code
         return pd.read_csv(tmp_path / out / "frames.csv")
@@ -163,7 +163,7 @@ def test_the_terminal_says_what_filling_took(run, capsys) -> None:
     run(*rests(20), "--frames", "3")
     assert capsys.readouterr().out == ""
     command = ["--resolution", "16x8", "--receivers", "400", "--frames", "3", *rests(20)]
-    assert call(["run", "--technique", "fake", *command]) == 0
+    assert call(["run", "--no-quality", "--technique", "fake", *command]) == 0
     assert "at rest after 24 frames, " in capsys.readouterr().out
 
 

@@ -56,7 +56,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     def start(out: str, *arguments: str) -> int:
         return call(
             [
-                *("run", "--technique", "fake", "--receivers", "400", "--quiet"),
+                *("run", "--no-quality", "--technique", "fake", "--receivers", "400", "--quiet"),
                 *("--resolution", "16x8", "--cache-dir", str(tmp_path / "cache")),
                 *("--frames", "3", "--warmup", "1", "--out", str(tmp_path / out), *arguments),
             ]

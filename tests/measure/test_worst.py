@@ -138,7 +138,16 @@ def fly(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
 
     def run(*arguments: str, flight: int = 60) -> tuple[Any, Path]:
         out = tmp_path / f"run{len(list(tmp_path.iterdir()))}"
-        command = ["run", "--technique", "fake", "--receivers", "400", "--resolution", "16x8"]
+        command = [
+            "run",
+            "--no-quality",
+            "--technique",
+            "fake",
+            "--receivers",
+            "400",
+            "--resolution",
+            "16x8",
+        ]
         command += ["--cache-dir", str(tmp_path / "cache"), "--out", str(out), "--warmup", "4"]
         if flight:
             command += ["--camera-path", "flight", "--rest-frames", "9"]

@@ -223,7 +223,18 @@ def test_the_convergence_experiment(quick, tmp_path, monkeypatch):
 
 def test_a_run_counts_surfels_and_their_work_as_they_are_at_its_end(tmp_path):
     """GIBS begins with none: counted as it was set up, it would show no surfel and no ray."""
-    command = ["run", "-t", "gibs", "--scene", "cornell-box", "--receivers", "200", "-n", "6"]
+    command = [
+        "run",
+        "--no-quality",
+        "-t",
+        "gibs",
+        "--scene",
+        "cornell-box",
+        "--receivers",
+        "200",
+        "-n",
+        "6",
+    ]
     command += ["--warmup", "4", "--resolution", "64x48", "--set", "gibs.placement_chance=1"]
     command += ["--set", "gibs.surfels=500", "--camera-path", "flight", "--rest-frames", "2"]
     assert call([*command, "--flight-frames", "5", "-q", "--out", str(tmp_path / "run")]) == 0

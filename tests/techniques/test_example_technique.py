@@ -85,7 +85,7 @@ def run(tree: Path, *command: str, timeout: float = 300) -> str:
 
 def test_a_setting_is_an_axis(tree: Path, tmp_path: Path) -> None:
     out, cache = tmp_path / "run", tmp_path / "cache"
-    command = ["-m", "gibench", "run", "-t", "example", "--set", "example.reach=1"]
+    command = ["-m", "gibench", "run", "--no-quality", "-t", "example", "--set", "example.reach=1"]
     command += ["--set", "example.reach=2", "--scene", "cornell-box", "--receivers", "200"]
     command += ["--resolution", "32x24", "--frames", "3", "--warmup", "1", "-q"]
     run(tree, *command, "--cache-dir", str(cache), "--out", str(out))

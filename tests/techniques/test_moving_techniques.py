@@ -285,7 +285,16 @@ def file(tmp_path):
 def run(tmp_path, *arguments):
     """``gibench run`` on next to nothing; its exit code and folder."""
     out = tmp_path / "run"
-    command = ["run", "--scene", "cornell-box", "--receivers", "200", "--resolution", "32x16"]
+    command = [
+        "run",
+        "--no-quality",
+        "--scene",
+        "cornell-box",
+        "--receivers",
+        "200",
+        "--resolution",
+        "32x16",
+    ]
     command += ["--frames", "3", "--warmup", "1", "-q", "--cache-dir", str(tmp_path / "cache")]
     return call([*command, "--out", str(out), *arguments]), out
 

@@ -1,0 +1,83 @@
+"""Errors of a run: a quick truth of some receivers, and a run that ends with its answer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import gibench
+from gibench.bake.lightmap import cached_lightmap
+from gibench.cli.main import call
+from gibench.errors import BadInput
+from gibench.reference.path_tracer import reference_irradiance
+from gibench.scene.load import load_scene
+from gibench.study.frozen import frozen
+from gibench.study.run_errors import some_receivers
+
+
+def test_some_receivers_are_those_receivers(tmp_path: Path, rng: np.random.Generator) -> None:
+    scene = load_scene("cornell-box")
+    lightmap = cached_lightmap(scene, 300, tmp_path)
+    count = len(lightmap.receivers)
+    chosen = np.sort(rng.choice(count, 40, replace=False))
+    some = some_receivers(lightmap, chosen)
+    np.testing.assert_array_equal(some.receivers.position, lightmap.receivers.position[chosen])
+    starts = lightmap.fragments.start
+    for mine, of in zip(range(len(chosen)), chosen, strict=True):
+        own = slice(some.fragments.start[mine], some.fragments.start[mine + 1])
+        all_of = slice(starts[of], starts[of + 1])
+        np.testing.assert_array_equal(
+            some.fragments.corners[own], lightmap.fragments.corners[all_of]
+        )
+        np.testing.assert_array_equal(
+            some.fragments.triangle[own], lightmap.fragments.triangle[all_of]
+        )
+    still = frozen(scene, 0)
+    part = reference_irradiance(still, some, paths=512, seed=3)
+    whole = reference_irradiance(still, lightmap, paths=512, seed=4)
+    off = part.value - whole.value[chosen]
+    z = off / np.sqrt(part.stderr**2 + whole.stderr[chosen] ** 2 + 1e-12)
+    assert np.abs(z.mean()) < 0.5
+    assert z.std() < 2
+
+
+def test_a_run_ends_with_its_answer(tmp_path: Path) -> None:
+    made = gibench.run(
+        technique=["ddgi", "direct"],
+        settings={"ddgi.rays": 64},
+        probes=27,
+        receivers=300,
+        resolution="32x18",
+        frames=3,
+        warmup=0,
+        gi_budget_ms=1e6,
+        budget_ms=1e6,
+        out=tmp_path / "run",
+        cache_dir=tmp_path / "cache",
+    )
+    (answer,) = made.answers
+    ddgi, direct = answer.table.to_dict("records")
+    assert direct["status"] == "no global illumination"
+    errors = pd.read_csv(tmp_path / "run" / "errors.csv")
+    assert list(errors["configuration"]) == [1]
+    assert 0 < errors["rel_l2"][0] < 1
+    told = errors["unsettled"][0]
+    assert ddgi["status"] == (told if isinstance(told, str) else "")
+    report = (tmp_path / "run" / "report.md").read_text()
+    assert "## Which one: cornell-box, profile iphone7" in report
+    assert answer.sentence in report
+    again = gibench.make_report(tmp_path / "run").text
+    assert answer.sentence in again
+
+
+def test_budgets_are_above_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option in ("--budget-ms", "--gi-budget-ms"):
+        for value in ("0", "-1", "nan", "inf"):
+            out = ["--out", str(tmp_path / "out")]
+            assert call(["run", "-t", "direct", option, value, *out]) == 2
+            assert option in capsys.readouterr().err
+    with pytest.raises(BadInput, match="budget"):
+        gibench.run(gi_budget_ms=0.0, out=tmp_path / "out")
