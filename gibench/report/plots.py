@@ -20,14 +20,16 @@ if TYPE_CHECKING:
 # Okabe and Ito (2008), "Color Universal Design": told apart by nearly everyone.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 
-# The first four stand out from white and from near-black alike: contrast 3 and more.
+# Of techniques: the first four of those and four more, which stand out from white and from
+# near-black alike (contrast 3 and more).
+TECHNIQUE_COLORS = (*COLORS[:4], "#9A7D00", "#8B6FD0", "#7B7F86", "#2A9FB5")
 
 
 def technique_colors(names: Iterable[str]) -> dict[str, str]:
     """Each technique's own colour, the same in every plot; others than gibench's take the rest."""
     ours, shown = tuple(techniques()), tuple(dict.fromkeys(names))
     every = (*ours, *(name for name in shown if name not in ours))
-    colors = dict(zip(every, _cycle(COLORS, len(every)), strict=True))
+    colors = dict(zip(every, _cycle(TECHNIQUE_COLORS, len(every)), strict=True))
     return {name: colors[name] for name in shown}
 
 
