@@ -186,6 +186,8 @@ def run(
 
             show_projection(result.projected)
         show_answers(result.answers)
+        for line in result.left_out:
+            typer.echo(line)
         typer.echo(f"{result.ran} of {len(result.frames)} configurations ran; see {result.folder}")
     if result.error is not None:
         raise result.error

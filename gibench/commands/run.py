@@ -33,7 +33,7 @@ from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budget
 from gibench.study.run_errors import measurable, run_errors
 from gibench.study.site import Site
 from gibench.techniques.job import Job
-from gibench.techniques.registry import techniques
+from gibench.techniques.registry import find_technique, techniques
 from gibench.techniques.technique import GI
 from gibench.trace.extra import require_extra
 from gibench.work import Executor, Worker
@@ -263,9 +263,26 @@ def _suited(
                 raise
             first = first or error
             left_out.setdefault(f"{job.technique} is left out: {error}")
+    if all_techniques:
+        for job in [job for job in suited if _must_bake_long(job, shared)]:
+            suited.remove(job)
+            left_out.setdefault(
+                f"{job.technique} is left out: its bake takes minutes; run it once with "
+                f"--technique {job.technique}"
+            )
     if not suited and first is not None:
         raise first
     return suited, list(left_out)
+
+
+def _must_bake_long(job: Job, shared: Shared) -> bool:
+    """Whether its bake takes minutes and was never begun."""
+    spec = find_technique(job.technique)
+    if not spec.long_bake:
+        return False
+    scene = shared.scene(job.scene)
+    lightmap = shared.lightmap(job.scene, job.receivers or scene.receivers)
+    return shared.bake_seconds(spec, job.settings, scene, lightmap) == 0
 
 
 def _competes(result: JobResult) -> bool:

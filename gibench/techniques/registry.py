@@ -115,6 +115,8 @@ class TechniqueSpec:
             (:class:`gibench.techniques.technique.KnowsItsRest`).
         counts: those of :meth:`Technique.counts` that tables show; by name, the one that stands for
             it where a configuration is told from others, in which chance has no part.
+        long_bake: whether its bake takes minutes: where nobody named it, it is run only if that is
+            stored already.
         memory_options: what on the command line lowers its memory, for messages; its receivers
             are on the device only where ``--receivers`` is among them.
     """
@@ -132,6 +134,7 @@ class TechniqueSpec:
     follows: frozenset[Follows] = frozenset()
     woken_by: frozenset[Wakes] = frozenset(Wakes)
     counts: Mapping[str, str] = field(default_factory=dict)
+    long_bake: bool = False
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
 
     def bake_key(self, context: BakeContext) -> str:

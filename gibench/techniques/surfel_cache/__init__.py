@@ -57,6 +57,7 @@ def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
 
 SPEC = TechniqueSpec(
     name="surfel-cache",
+    long_bake=True,
     title="Precomputed surfel caches",
     variants=(PUBLISHED, TUNED),
     settings_type=SurfelCacheSettings,
