@@ -98,3 +98,15 @@ def test_none_lies_where_a_surface_is_cut_away(rng):
     u, v = surfels.barycentric[cut].T
     there = scene.cutouts.there(rows[cut], u, v)
     assert there.mean() > 0.99  # but of triangles of which next to nothing is left
+
+
+def test_surfels_stay_with_their_object(rng):
+    """A panel a finger off a wall keeps its share, however coarse the surfels are."""
+    wall = ((-1, 0, 0), (2, 0, 0), (0, 2, 0))
+    panel = ((-0.2, 0.8, 0.03), (0.4, 0, 0), (0, 0.4, 0))
+    scene, lightmap = quad_scene([wall, panel], 4)
+    surfels = sample_surface(scene, surface_areas(scene, lightmap), 300)
+    relaxed = relax(scene, surfels, scene_tracer(scene), 10)
+    counts = [np.bincount(scene.object_ids[s.triangle], minlength=2) for s in (surfels, relaxed)]
+    assert (counts[0] == counts[1]).all() and counts[0][1] == pytest.approx(300 / 26, abs=1)
+    assert (relaxed.position != surfels.position).any()

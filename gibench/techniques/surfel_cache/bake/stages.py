@@ -41,8 +41,8 @@ from gibench.techniques.surfel_cache.settings import SurfelCacheSettings, parse_
 from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
-SURFELS_VERSION = HIERARCHY_VERSION = ATLAS_VERSION = LINKS_VERSION = 1
-CACHES_VERSION = 2
+HIERARCHY_VERSION = ATLAS_VERSION = LINKS_VERSION = 1
+SURFELS_VERSION = CACHES_VERSION = 2
 
 # Caches of a unit of links: some seconds of work at full size.
 _UNIT_CACHES = 64

@@ -119,7 +119,7 @@ def relax(scene: Scene, surfels: SurfelSet, tracer: RayTracer, steps: int) -> Su
     """Surfels repelled by their nearest neighbours, ``steps`` times, along the surface.
 
     A step moves each in its tangent plane and sets it down on the surface by a short ray; where
-    there is none (beyond an edge), it stays.
+    there is none (beyond an edge), or that of another object or material, it stays.
     """
     spacing = float(np.sqrt(surfels.area * 2 / np.sqrt(3)))  # of a triangular lattice
     for _ in range(steps):
@@ -160,6 +160,10 @@ def _set_down(
     weights = np.stack([hits.u[found], hits.v[found]], axis=1).astype(np.float64)
     landed = surfels_at(scene, hits.triangle[found], weights, surfels.area)
     good = np.einsum("ij,ij->i", landed.normal, surfels.normal[found]) > _SAME_SURFACE
+    # Onto another object close by it would take area, and light, that is not its own.
+    left = surfels.triangle[found]
+    for kind in (scene.object_ids, scene.material_ids):
+        good &= kind[landed.triangle] == kind[left]
     rows = found[good]
     arrays = {}
     for name in ("position", "normal", "shading", "triangle", "barycentric"):
