@@ -53,7 +53,7 @@ def experiment(
         ),
     ] = 30,
     warmup_frames: options.WarmupFrames = 1000,
-    warmup_seconds: options.WarmupSeconds = 90.0,
+    warmup_seconds: options.WarmupSeconds = 180.0,
     resolution: Annotated[
         str | None,
         typer.Option(

@@ -43,7 +43,7 @@ def experiment(
     reference_paths: int | None = None,
     frames: int = 30,
     warmup_frames: int = 1000,
-    warmup_seconds: float = 90.0,
+    warmup_seconds: float = 180.0,
     resolution: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,

@@ -84,7 +84,7 @@ def run(
     frames: int | None = None,
     warmup: int | None = None,
     warmup_frames: int = 1000,
-    warmup_seconds: float = 90.0,
+    warmup_seconds: float = 180.0,
     cold: bool = False,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,

@@ -26,7 +26,7 @@ class Patience:
     """
 
     frames: int = 1000
-    seconds: float = 90.0
+    seconds: float = 180.0
 
     def over(self, frames: int, spent_ms: float) -> bool:
         """Whether so many frames, which took so long, are all that it waits."""
