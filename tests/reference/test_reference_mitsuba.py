@@ -31,11 +31,17 @@ from gibench.scene.model import (
     SpotLight,
     Texture,
 )
+from gibench.scene.readers.backs import apart, with_backs
+from gibench.scene.readers.clean import CleanMesh
 
 mi = pytest.importorskip("mitsuba", reason="Mitsuba 3 is not installed (gibench[truth])")
 if "scalar_rgb" in mi.variants():
     mi.set_variant("scalar_rgb")
 
+ROOM = (
+    "v 0 0 0\nv 1 0 0\nv 1 0 1\nv 0 0 1\nv 0 1 0\nv 1 1 0\nv 1 1 1\nv 0 1 1\n"
+    "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 4 8 7 3\nf 1 5 8 4\nf 2 3 7 6\n"
+)
 SIZE, RENDERS, SAMPLES, PATHS = 24, 12, 32, 1024
 RNG = np.random.default_rng(7)
 SKY = Environment((RNG.random((5, 8, 3)) + 8 * (RNG.random((5, 8, 1)) > 0.9)).astype(np.float32))
@@ -208,6 +214,50 @@ def test_a_glowing_sign(tmp_path, rng):
     scene = replace(scene, materials=painted, textures=(spots,))
     with pytest.raises(BadInput, match="coordinates of their own"):
         write_mitsuba(tmp_path, scene, camera, 4, 4)
+
+
+def test_two_sided_surfaces(tmp_path, rng):
+    """Backs that loading adds, against Mitsuba's own two-sided materials on the fronts alone."""
+    (tmp_path / "a.obj").write_text(ROOM)
+    sheets = "".join(
+        f"v {x:.5f} {y:.5f} {z:.5f}\n" for x, y, z in rng.uniform(0.1, 0.9, (12, 3)).tolist()
+    )
+    faces = "".join(f"f {3 * i + 1} {3 * i + 2} {3 * i + 3}\n" for i in range(4))
+    (tmp_path / "sheets.obj").write_text(sheets + faces)
+    toml = (
+        'schema_version = 1\n[[mesh]]\nfile = "a.obj"\nbase_color = [0.8, 0.7, 0.6]\n'
+        '[[mesh]]\nfile = "sheets.obj"\nbase_color = [0.3, 0.6, 0.9]\n'
+        '[[light]]\ntype = "point"\nposition = [0.31, 0.83, 0.27]\nintensity = 1\n'
+        "[[camera]]\nposition = [0.5, 0.5, 0.05]\ntarget = [0.5, 0.4, 1.0]\nfov_degrees = 80\n"
+    )
+    (tmp_path / "a.toml").write_text(toml)
+    fronts = load_scene(str(tmp_path / "a.toml"))
+    mesh = CleanMesh(
+        fronts.positions, fronts.normals, fronts.uvs, fronts.triangles, fronts.material_ids,
+        fronts.object_ids, None, (),
+    )  # fmt: skip
+    materials = [replace(m, two_sided=n > 0) for n, m in enumerate(fronts.materials)]
+    doubled = apart(with_backs(mesh, materials, fronts.lights, fronts.cameras), backs=4)
+    assert len(doubled.triangles) == len(fronts.triangles) + 4
+    names = ("positions", "normals", "uvs", "triangles", "material_ids", "object_ids")
+    both = replace(fronts, **{name: getattr(doubled, name) for name in names})
+    camera = fronts.cameras[0]
+    ours = reference_image(both, camera, SIZE, SIZE, paths=PATHS, seed=5)
+    xml = write_mitsuba(tmp_path / "m", fronts, camera, SIZE, SIZE, samples=SAMPLES)
+    text = xml.read_text()
+    last = text.rindex('<bsdf type="diffuse"')
+    end = text.index("</bsdf>", last) + len("</bsdf>")
+    text = text[:last] + '<bsdf type="twosided">' + text[last:end] + "</bsdf>" + text[end:]
+    xml.write_text(text)
+    loaded = mi.load_file(str(xml))
+    images = [np.array(mi.render(loaded, seed=s), np.float64) for s in range(RENDERS)]
+    mean, error = np.mean(images, axis=0), np.std(images, axis=0, ddof=1) / math.sqrt(RENDERS)
+    assert share_that_passes(ours, mean, error) >= 0.9975
+    off = (ours.value - mean).mean(axis=(0, 1))
+    spread = np.sqrt((ours.stderr**2 + error**2).sum(axis=(0, 1))) / SIZE**2
+    assert (np.abs(off) < 4.5 * spread).all()
+    dark = reference_image(fronts, camera, SIZE, SIZE, paths=PATHS // 4, seed=5)
+    assert (np.abs(dark.value.mean(axis=(0, 1)) - mean.mean(axis=(0, 1))) > 9 * spread).any()
 
 
 def test_the_comparison_can_fail(tmp_path):
