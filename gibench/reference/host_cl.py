@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from gibench.device import Argument, Device, Launch, ProgramSpec, SharedBuffer, list_devices
+from gibench.device.build import Define
 from gibench.errors import CannotRun
 
 GROUP = 256
@@ -56,7 +57,11 @@ class HostProgram:
 
 @cache
 def host_program(
-    group: int = GROUP, cutouts: bool = False, glow: bool = False, normal_maps: bool = False
+    group: int = GROUP,
+    cutouts: bool = False,
+    glow: bool = False,
+    normal_maps: bool = False,
+    scale: float = 1.0,
 ) -> HostProgram:
     """The reference kernels, built once per process on the first CPU device.
 
@@ -65,6 +70,7 @@ def host_program(
         cutouts: for scenes with cut-outs.
         glow: for scenes with triangles that emit by images.
         normal_maps: for shading by normal maps.
+        scale: of the distance by which rays leave surfaces near the origin.
 
     Raises:
         CannotRun: no OpenCL runtime for the CPU is installed.
@@ -83,9 +89,11 @@ def program_on(
 ) -> HostProgram:
     """The reference kernels on a device that shares the host's memory; see :func:`host_program`."""
     lanes = device.vector_width
-    defines = {"GROUP": group, "VEC": lanes, **({"CUTOUTS": 1} if cutouts else {})}
+    defines: dict[str, Define] = {"GROUP": group, "VEC": lanes}
+    defines |= {"CUTOUTS": 1} if cutouts else {}
     defines |= {"GLOW": 1} if glow else {}
     defines |= {"NORMAL_MAPS": 1} if normal_maps else {}
+    defines |= {"RAY_SCALE": f"{scale!r}f"} if scale != 1.0 else {}
     program = ProgramSpec("reference/path.cl", defines)
     return HostProgram(device, program, group, lanes)
 

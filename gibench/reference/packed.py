@@ -8,6 +8,7 @@ import numpy as np
 
 from gibench.arrays import Floats, Ints
 from gibench.errors import BadInput
+from gibench.rays.offset import ray_scale
 from gibench.reference.lights import (
     EmitterTable,
     EnvironmentTable,
@@ -38,6 +39,7 @@ class PackedScene:
         environment: (h, w, 3) float32.
         environment_table: how to sample it.
         cutouts: uint32, as kernels_cl/common/cutout.cl has it, or None where nothing is cut away.
+        scale: of the distance by which rays leave surfaces near the origin; 1 but for tiny scenes.
         normal_maps: uint32, as kernels_cl/common/normal_map.cl has it, or None for no use of them.
     """
 
@@ -51,6 +53,7 @@ class PackedScene:
     environment_table: EnvironmentTable
     cutouts: Words | None = field(default=None, repr=False)
     normal_maps: Words | None = field(default=None, repr=False)
+    scale: float = 1.0
 
     @property
     def has_area_light(self) -> bool:
@@ -125,6 +128,7 @@ def pack_scene(scene: Scene, frame: int, normal_maps: bool = False) -> PackedSce
         scene.normal_maps.packed(len(scene.triangles))
         if normal_maps and scene.normal_maps is not None
         else None,
+        ray_scale(scene),
     )
 
 

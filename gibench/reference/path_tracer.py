@@ -28,6 +28,7 @@ from gibench.arrays import Doubles
 from gibench.errors import BadInput
 from gibench.progress import progress as progress_bar
 from gibench.rays.embree import scene_tracer
+from gibench.rays.offset import ray_scale
 from gibench.reference import store
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
@@ -237,6 +238,8 @@ def _traced(
     }
     if normal_maps and scene.normal_maps is not None:
         key = {**key, "normal maps": scene.normal_maps.content_hash()}
+    if (scale := ray_scale(scene)) != 1.0:
+        key = {**key, "ray scale": str(scale)}
     held = None if folder is None else store.load(folder, key, start.owners)
     rounds = held or store.Rounds.none(start.owners)
     if _done(rounds, plan):

@@ -107,6 +107,7 @@ class Wavefront:
             cutouts=scene.cutouts is not None,
             glow=scene.emitters.glow is not None,
             normal_maps=scene.normal_maps is not None,
+            scale=scene.scale,
         )
         self.tracer = tracer
         self.start = start

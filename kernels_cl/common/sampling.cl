@@ -4,12 +4,17 @@
 
 #include "common/vec.cl"
 
+// What lengths of our own are multiplied with in scenes of millimetres (gibench/rays/offset.py).
+#ifndef RAY_SCALE
+#define RAY_SCALE 1.0f
+#endif
+
 // One coordinate moved 256 units in the last place along the normal, or by a fixed step near 0.
 inline float offset_coordinate(float p, float n)
 {
     const int step = (int)(256.0f * n);
     const float moved = as_float(as_int(p) + (p < 0.0f ? -step : step));
-    return fabs(p) < 1.0f / 32.0f ? p + n / 65536.0f : moved;
+    return fabs(p) < RAY_SCALE * (1.0f / 32.0f) ? p + n * (RAY_SCALE / 65536.0f) : moved;
 }
 
 // A ray's origin moved off its surface so that the ray does not meet the surface again
@@ -28,7 +33,7 @@ inline float3 offset_from_surface(float3 position, float3 normal)
 inline float3 back_along_ray(float3 position, float3 direction)
 {
     const float3 size = fabs(position);
-    const float step = 256.0f * 1.1920929e-7f * fmax(fmax(size.x, size.y), fmax(size.z, 1.0f / 32));
+    const float step = 256.0f * 1.1920929e-7f * fmax(fmax(size.x, size.y), fmax(size.z, RAY_SCALE / 32));
     return position - step * direction;
 }
 

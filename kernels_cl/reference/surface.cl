@@ -42,12 +42,16 @@ inline Surface surface_at(__global const float *triangles, int triangle, float u
 
 // A point moved off its surface by some units in the last place, so that a ray from it does not
 // meet the surface again (Waechter and Binder 2019, "A Fast and Robust Method for Avoiding
-// Self-Intersection", Ray Tracing Gems chapter 6, listing 6-1, with its constants).
+// Self-Intersection", Ray Tracing Gems chapter 6, listing 6-1, with its constants). They are of scenes of
+// metres; for one of millimetres RAY_SCALE (gibench/rays/offset.py) makes them smaller.
+#ifndef RAY_SCALE
+#define RAY_SCALE 1.0f
+#endif
 inline float off_surface(float p, float n)
 {
     const int step = (int)(256.0f * n);
     const float moved = as_float(as_int(p) + (p < 0.0f ? -step : step));
-    return fabs(p) < 0.03125f ? p + 1.52587890625e-05f * n : moved;
+    return fabs(p) < RAY_SCALE * 0.03125f ? p + RAY_SCALE * 1.52587890625e-05f * n : moved;
 }
 
 inline float3 leave_surface(float3 p, float3 n)

@@ -53,6 +53,22 @@ def test_a_room_far_off_gets_the_light_that_it_gets_at_the_origin(
     assert np.abs(mean / expected - 1).max() < 0.01
 
 
+@pytest.mark.parametrize("size", [1e-4, 1e-3, 1.0, 2500.0])
+def test_a_room_of_any_size_gets_the_same_light(tmp_path: Path, size: float) -> None:
+    # As above, a lamp whose intensity grows with the room's area; rays that left their surfaces by
+    # a length of our own would see less of a tiny room than there is.
+    expected = 4 * math.pi * 5 * 0.7 / (1 - 0.7) / 24
+    scene = _scene(
+        tmp_path,
+        ROOM,
+        f'[[mesh]]\nfile = "a.obj"\nbase_color = 0.7\nscale = {size}\n'
+        f'[[light]]\ntype = "point"\nposition = [{0.3 * size}, {1.5 * size}, 0]\n'
+        f"intensity = {5 * size * size}\n",
+    )
+    mean, error = _irradiance(scene, range(12), 1 << 12)
+    assert (np.abs(mean - expected) <= 4 * error + 1e-4).all()
+
+
 WALLS = {
     # One wall of two faces in a plane, of different diagonals, and a slab of 2 mm.
     "coincident": "v 0 0 -1\nv 0 0 1\nv 0 2 1\nv 0 2 -1\nf 9 12 11 10\nf 10 11 12 9\n",

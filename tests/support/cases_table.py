@@ -22,17 +22,24 @@ RECEIVERS = 400
 # Folders whose kind is about light: E, the mean indirect irradiance over the receivers, by area.
 LIGHT = (
     "gi-", "gltf-window", "gltf-alpha-leaves", "gltf-emissive-strength", "gltf-lights",
-    "gltf-specgloss", "obj-mapke-only",
 )  # fmt: skip
 # A closed room of area A and albedo 0.7 around a lamp of 4 pi x 5 W: 4 pi 5 x 0.7 / 0.3 / A.
 ROOM = "6.109"
 RIGHT = {
     **dict.fromkeys(("gi-far/off0.glb", "gi-far/off100km.glb", "gi-far/off450km.glb"), ROOM),
     "gi-leak/doublesided-flag.glb": "4.581",
-    "gi-leak/no-flag.glb": "1.403 (Mitsuba 3)",
+    "gi-leak/no-flag.glb": "1.418 +- 0.028 (Mitsuba 3)",
     "gi-leak/single-sided.glb": "5.236",
     "gi-misc/env-only.toml": "3.142",
-    "gltf-lights/point10.glb": ROOM,
+    "gi-misc/sun-hdr.toml": "461.7 on open ground, less the plate's shadow",
+    "gi-scale/tiny.glb": "as metre",
+    "gi-scale/millimetre.glb": "as metre",
+    "gi-scale/centimetre.glb": "as metre",
+    "gi-scale/fivekm.glb": "as metre",
+    "gltf-alpha-leaves/opaque.glb": "0: all stopped",
+    "gltf-alpha-leaves/mask.glb": "more than 0",
+    "gltf-alpha-leaves/blend.glb": "0: left out, nothing else reflects",
+    "obj-mapke-only/q.obj": "glows",
     "gltf-window/none.glb": "1.419",
     "gltf-window/transmission.glb": "1.419, as without",
     "gltf-window/blend.glb": "1.419, as without",
@@ -72,6 +79,8 @@ def facts(path: Path) -> str:
                 image = scene.textures[material.texture].pixels.reshape(-1, 3).mean(axis=0)
             found.append(" ".join(f"{x:.3f}" for x in np.multiply(material.base_color, image)))
         line = f"area {area:.4g}, albedo {'; '.join(dict.fromkeys(found))}"
+        if any(max(scene.materials[i].emission) > 0 for i in np.unique(scene.material_ids)):
+            line += ", glows"
         if any(str(path.relative_to(path.parents[1])).startswith(kind) for kind in LIGHT):
             lightmap = unwrap(scene, RECEIVERS)
             truth = reference_irradiance(scene, lightmap, paths=1024)

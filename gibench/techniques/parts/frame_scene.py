@@ -10,6 +10,7 @@ from gibench.device import Argument, Buffer, BufferSpec, Device, ProgramSpec, in
 from gibench.device.build import Define
 from gibench.rays.bvh import Bvh, build_bvh
 from gibench.rays.device_bvh import DeviceBvh
+from gibench.rays.offset import ray_scale
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
@@ -75,6 +76,7 @@ class FrameScene:
         self.frame = 0
         self._flight, self._motion = flight, motion
         self.width, self.height = width, height
+        self._ray_scale = ray_scale(scene)
         self.bvh = build_bvh(scene.corners) if bvh is None else bvh
         cutouts = scene.cutouts
         packed = None if cutouts is None else cutouts.packed(len(scene.triangles))
@@ -145,7 +147,9 @@ class FrameScene:
 
     def program(self, path: str, defines: Mapping[str, Define] | None = None) -> ProgramSpec:
         """A program that reads the scene, with the macros that such programs need."""
-        known = {**SCENE_MACROS, **self._tree_defines, **self.surfaces.defines}
+        known: dict[str, Define] = {**SCENE_MACROS, **self._tree_defines, **self.surfaces.defines}
+        if self._ray_scale != 1.0:
+            known["RAY_SCALE"] = f"{self._ray_scale!r}f"
         return ProgramSpec(path, {**known, **(defines or {})})
 
     @staticmethod
