@@ -76,7 +76,9 @@ def host_program(
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
     device = Device.unlimited(_cpu())
-    return program_on(device, group, cutouts=cutouts, glow=glow, normal_maps=normal_maps)
+    return program_on(
+        device, group, cutouts=cutouts, glow=glow, normal_maps=normal_maps, scale=scale
+    )
 
 
 def program_on(
@@ -86,6 +88,7 @@ def program_on(
     cutouts: bool = False,
     glow: bool = False,
     normal_maps: bool = False,
+    scale: float = 1.0,
 ) -> HostProgram:
     """The reference kernels on a device that shares the host's memory; see :func:`host_program`."""
     lanes = device.vector_width
