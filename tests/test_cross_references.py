@@ -9,7 +9,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 ROLE = re.compile(r":(?:func|class|mod|meth|attr|data):`~?(gibench(?:\.\w+)+)`")
-FILE = re.compile(r"\b(?:kernels_cl|gibench|tests)/[\w/.-]*\w\.(?:py|cl|md|csv|toml)\b")
+FILE = re.compile(r"\b(?:kernels_cl|gibench|tests|docs)/[\w/.-]*\w\.(?:py|cl|md|csv|toml)\b")
 
 
 def found(name: str) -> Any:
