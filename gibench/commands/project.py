@@ -11,10 +11,11 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.commands.frame_traces import TracedLaunch, trace_frame
+from gibench.commands.run import write_tables
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError
 from gibench.measure.plan.grid import job_label
-from gibench.measure.runfolder.folder import RunFolder
+from gibench.measure.runfolder.folder import SAMPLES, RunFolder
 from gibench.measure.runfolder.results import OK
 from gibench.measure.runfolder.stored_run import read_record
 from gibench.measure.session.session import Session
@@ -28,11 +29,13 @@ from gibench.techniques.job import Job
 from gibench.techniques.technique import GI
 from gibench.trace.extra import require_extra
 from gibench.trace.kept_streams import streams_of
-from gibench.trace.request import TraceRequest
+from gibench.trace.request import Sampling, TraceRequest
 from gibench.trace.streams import WaveStreams
 
 FRAME = 4
 """The frame that is traced: what warms up has."""
+_SAMPLING = Sampling(runs=9, length=8, words=16 << 20, seconds=6.0, unroll=True)
+"""Of each launch: places enough for images, whose edges differ from their middle."""
 WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"
 Row = dict[str, Any]
 Tell = Callable[[str], None]
@@ -82,6 +85,8 @@ def project(
     table = project_jobs(jobs, record, profiles, shared, select_cl_device(None), tell)
     folder = RunFolder(path)
     folder.write_text(PROJECTED, csv_text(table))
+    if (path / SAMPLES).is_file():
+        write_tables(folder, record)  # its report has them too
     return Projection(path, table)
 
 
@@ -152,7 +157,7 @@ def project_job(
     cache = shared.cache_dir / "traces"
 
     def look(request: TraceRequest) -> dict[int, WaveStreams]:
-        return streams_of(request, widths, cache)
+        return streams_of(request, widths, cache, _SAMPLING)
 
     with Session.open(job, shared, cl_device) as session:
         session.prepare()

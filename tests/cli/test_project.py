@@ -60,6 +60,8 @@ def test_a_run_is_projected_only_where_that_is_asked(tmp_path: Path, cache: Path
     kept = sorted((cache / "traces").iterdir())
     assert call(["project", str(out), "-d", "rtx-2070", "--cache-dir", str(cache), "--quiet"]) == 0
     assert set(pd.read_csv(out / "projected.csv")["device"]) == {"rtx-2070"}
+    report = (out / "report.md").read_text()
+    assert "| rtx-2070 |" in report and "| titan-x-pascal |" not in report
     assert sorted((cache / "traces").iterdir()) == kept
 
 
