@@ -31,8 +31,6 @@ is shown one time late (a definition of ours)."""
 CLEAR = 3.0
 """What is bad must be at least so many times what the machine did to constant work: that is a
 sample a quarter as long as the frames, which may have missed the worst."""
-FREE_SHARE = 10.0
-"""Percent of the frames that are taken to have been held up by nothing."""
 
 HOLDS, MISSES, CANNOT_TELL = "holds", "misses", "cannot tell"
 STEADY, STUTTERS = "steady", "stutters"
@@ -101,11 +99,11 @@ def worst_frames(times_ms: Times, own_ms: Times, beside_ms: Times, budget_ms: fl
 def relieved(
     times: npt.NDArray[np.float64], own: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Times (n,) without what held frames up: no longer than a frame's own time makes it, at the
-    ratio of the two that ``FREE_SHARE`` of the frames are below.
+    """Times (n,) without what held frames up: a frame's own time, at the least ratio of the two in
+    the series, that of the frame which was held up least.
     """
-    free = float(np.percentile(times / np.maximum(own, 1e-9), FREE_SHARE))
-    out: npt.NDArray[np.float64] = np.minimum(times, free * own)
+    least = float((times / np.maximum(own, 1e-9)).min())
+    out: npt.NDArray[np.float64] = least * own
     return out
 
 
