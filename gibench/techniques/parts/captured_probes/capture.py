@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles, Floats, Ints
 from gibench.rays.tracer import RayTracer
-from gibench.scene.lightmap.albedo import mean_albedo
+from gibench.scene.lightmap.albedo import mean_albedo, mean_emission
 from gibench.scene.model import Scene
 
 FACES = 6
@@ -80,9 +80,8 @@ def capture(scene: Scene, tracer: RayTracer, position: Doubles, directions: Doub
     triangle = hits.triangle[front].astype(np.int64)
     u, v = barycentric[front].astype(np.float64).T
     point = np.stack([1 - u - v, u, v], axis=1)
-    # A piece without extent is a point.
-    albedo[front] = mean_albedo(scene, triangle, np.repeat(point[:, None], 3, axis=1))
-    emitted = np.array([material.emission for material in scene.materials], np.float32)
-    emission[front] = emitted[scene.material_ids[triangle]]
+    pieces = np.repeat(point[:, None], 3, axis=1)  # without extent: points
+    albedo[front] = mean_albedo(scene, triangle, pieces)
+    emission[front] = mean_emission(scene, triangle, pieces)
     emission[~seen] = scene.environment.radiance(directions[~seen])
     return Captured(hits.triangle, barycentric, hits.distance, front, albedo, emission)

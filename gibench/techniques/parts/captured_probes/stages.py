@@ -27,7 +27,7 @@ from gibench.techniques.registry import BakeContext
 from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
-MAPS_VERSION = LIGHT_VERSION = 1
+MAPS_VERSION = LIGHT_VERSION = 2
 
 
 @dataclass(frozen=True)

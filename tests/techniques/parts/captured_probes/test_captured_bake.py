@@ -8,12 +8,14 @@ import pytest
 from scipy.integrate import dblquad
 from support import ddgi_oracle as octahedral
 from support.captured_oracle import NAMES, SMALL, filtered_moments
+from support.shading_oracle import bilinear
 from support.shading_oracle import direct_irradiance as traced_irradiance
 from support.synthetic_bake import random_scene
 from support.tiny_scenes import box, empty_room, quad_scene
 
 from gibench.bake.run import BakeReport, run_bake
 from gibench.rays.embree import EmbreeTracer
+from gibench.scene.glow import Glow
 from gibench.scene.model import Environment, Material
 from gibench.techniques.parts.captured_probes import lighting, maps
 from gibench.techniques.parts.captured_probes.capture import capture, cube_directions
@@ -110,6 +112,23 @@ def test_a_captured_cube_shows_what_is_there(rng):
     sky = scene.environment.radiance(directions[~seen])
     np.testing.assert_allclose(found.emission[~seen], sky, rtol=1e-6)
     assert np.isinf(found.distance[~seen]).all()
+
+
+def test_what_glows_by_an_image_is_captured_point_by_point(rng):
+    """By the image, repeating and bilinear, in float64."""
+    scene = random_scene(rng, 60)
+    pixels = rng.uniform(0, 5, (6, 4, 3)).astype(np.float32)
+    triangle = np.arange(0, 60, 2, dtype=np.int32)
+    uvs = rng.uniform(-1, 2, (30, 3, 2)).astype(np.float32)
+    scene = replace(scene, glow=Glow((pixels,), triangle, np.zeros(30, np.int32), uvs))
+    found = capture(scene, EmbreeTracer(scene.corners), np.zeros(3), cube_directions(16))
+    mine = found.front & (found.triangle % 2 == 0)
+    assert mine.sum() > 20
+    u, v = found.barycentric[mine].astype(np.float64).T
+    corners = uvs[found.triangle[mine] // 2].astype(np.float64)
+    at = np.einsum("nk,nkx->nx", np.stack([1 - u - v, u, v], axis=1), corners)
+    expected = bilinear(pixels, at[:, 0] * 4 - 0.5, (1 - at[:, 1]) * 6 - 0.5, wrap=True)
+    np.testing.assert_allclose(found.emission[mine], expected, rtol=1e-4, atol=1e-4)
 
 
 # -- resampling ------------------------------------------------------------------------------------
