@@ -1,17 +1,34 @@
 #!/usr/bin/env bash
 # Install everything the tests need into .venv (and Oclgrind from Debian, where apt-get is there),
 # then run the linters, the type checker, the import contract and the tests. The tests marked slow
-# (real scenes at full size, long flights) are run by ./test.sh -m slow.
+# (real scenes at full size, long flights) are run by ./test.sh -m slow. The tests of kernels alone,
+# and gibench conform, run on another OpenCL runtime by ./test.sh --opencl NAME, a part of its
+# platform's name (Intel, Portable, NVIDIA); docs/conform.md says how to install some.
 set -euo pipefail
 cd "$(dirname "$0")"
 
-if ! command -v oclgrind > /dev/null && command -v apt-get > /dev/null && [ "$(id -u)" = 0 ]; then
+opencl=
+if [ "${1:-}" = --opencl ]; then
+  opencl=${2:?"--opencl takes a part of a platform's name"}
+  shift 2
+fi
+
+if [ -z "$opencl" ] && ! command -v oclgrind > /dev/null && command -v apt-get > /dev/null && [ "$(id -u)" = 0 ]; then
   apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq oclgrind
 fi
 
 [ -x .venv/bin/python ] || python3 -m venv .venv
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,truth,browser,project,history]'
 PATH="$PWD/.venv/bin:$PATH"
+
+if [ -n "$opencl" ]; then
+  export PYOPENCL_CTX="$opencl"
+  shopt -s globstar
+  pytest -n 2 --dist worksteal -m "not slow and not oclgrind" tests/**/test_*kernels*.py \
+    tests/techniques/parts tests/rays/test_rays.py "$@"
+  gibench conform --time-limit 300
+  exit
+fi
 
 ruff check .
 ruff format --check .

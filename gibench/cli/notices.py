@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 _LOG = logging.getLogger("gibench")
+_DEVICE = logging.getLogger("gibench.device")  # which one runs is said, too
 
 
 class _Lines(logging.Handler):
@@ -18,7 +19,7 @@ class _Lines(logging.Handler):
     """
 
     def __init__(self) -> None:
-        super().__init__(logging.WARNING)
+        super().__init__(logging.INFO)
         self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -28,7 +29,8 @@ class _Lines(logging.Handler):
             line = f"{line} (told by {record.name.partition('.')[0]})"
         if line not in self._said:
             self._said.add(line)
-            print(f"gibench: warning: {line}", file=sys.stderr)
+            told = "" if record.levelno < logging.WARNING else "warning: "
+            print(f"gibench: {told}{line}", file=sys.stderr)
 
 
 @contextmanager
@@ -39,6 +41,8 @@ def notices() -> Iterator[None]:
         _LOG.warning("%s (%s of a library)", message, category.__name__)
 
     handler, root = _Lines(), logging.getLogger()
+    level = _DEVICE.level
+    _DEVICE.setLevel(logging.INFO)
     root.addHandler(handler)
     try:
         with warnings.catch_warnings():
@@ -46,6 +50,7 @@ def notices() -> Iterator[None]:
             yield
     finally:
         root.removeHandler(handler)
+        _DEVICE.setLevel(level)
 
 
 def errors_only(quiet: bool) -> bool:

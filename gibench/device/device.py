@@ -16,6 +16,7 @@ import pyopencl as cl
 
 from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
 from gibench.device.build import Define, build_program, macro_options, vector_width
+from gibench.device.choice import default_device
 from gibench.device.launch import Launch, PreparedLaunch, instrumented, set_arguments
 from gibench.device.layout import BufferSpec
 from gibench.device.pocl import name_processor
@@ -82,7 +83,7 @@ class Device:
 
     Args:
         profile: whose limits bind.
-        cl_device: the device; by default the first of :func:`list_devices`.
+        cl_device: the device; by default :func:`first_device`.
         kernel_root: another kernel tree than the installed one.
     """
 
@@ -93,7 +94,7 @@ class Device:
         kernel_root: Traversable | None = None,
     ) -> None:
         self.profile = profile
-        self.cl_device = list_devices()[0] if cl_device is None else cl_device
+        self.cl_device = first_device() if cl_device is None else cl_device
         check_cache(self.cl_device)
         self.context = cl.Context([self.cl_device])
         self.queue = cl.CommandQueue(
@@ -378,7 +379,8 @@ class Device:
 
 def select_cl_device(index: int | None) -> Any:
     """The device number ``index`` of :func:`list_devices`; for None the one that pyopencl's
-    variable PYOPENCL_CTX names, else the first.
+    variable PYOPENCL_CTX names, else a GPU that computes right, else PoCL. Where there are several,
+    which one and why is logged (``gibench.device``, at level INFO).
 
     Raises:
         BadInput: there is no such number, or the variable names no device, or several.
@@ -386,7 +388,15 @@ def select_cl_device(index: int | None) -> Any:
     devices = list_devices()
     asked = os.environ.get("PYOPENCL_CTX")
     if index is None:
-        return devices[0] if asked is None else _by_variable(asked)
+        chosen, why = _default(tuple(devices)) if asked is None else (_by_variable(asked), "")
+        if len(devices) > 1:  # else there is nothing to choose, and every table names the device
+            _LOG.info(
+                "on %s (%s): %s; --device N takes another, 'gibench devices' lists them",
+                chosen.name.strip(),
+                chosen.platform.name.strip(),
+                why or f"PYOPENCL_CTX={asked}",
+            )
+        return chosen
     if not 0 <= index < len(devices):
         raise BadInput(
             f"no OpenCL device number {index}",
@@ -395,6 +405,22 @@ def select_cl_device(index: int | None) -> Any:
     if asked is not None and _by_variable(asked) != devices[index]:
         _LOG.warning("PYOPENCL_CTX=%s not followed: --device %d is given", asked, index)
     return devices[index]
+
+
+@cache
+def _default(devices: tuple[Any, ...]) -> tuple[Any, str]:
+    """A process tries its devices once."""
+    return default_device(devices)
+
+
+def first_device() -> Any:
+    """The device that PYOPENCL_CTX names, else the first of :func:`list_devices`, PoCL's.
+
+    Raises:
+        BadInput: the variable names no device, or several.
+    """
+    asked = os.environ.get("PYOPENCL_CTX")
+    return list_devices()[0] if asked is None else _by_variable(asked)
 
 
 def _by_variable(asked: str) -> Any:

@@ -16,6 +16,7 @@ import pyopencl as cl
 
 from gibench.device import Argument, Device, Launch, ProgramSpec, SharedBuffer, list_devices
 from gibench.device.build import Define
+from gibench.device.device import first_device
 from gibench.errors import CannotRun
 
 GROUP = 256
@@ -102,12 +103,12 @@ def program_on(
 
 
 def _cpu() -> Any:
-    """The first CPU among the devices.
+    """The first CPU among the devices; that of PYOPENCL_CTX where it is one.
 
     Raises:
         CannotRun: no OpenCL runtime for the CPU is installed.
     """
-    for device in list_devices():
+    for device in [first_device(), *list_devices()]:
         if device.type & cl.device_type.CPU and device.host_unified_memory:
             return device
     raise CannotRun(
