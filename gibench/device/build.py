@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -37,7 +38,11 @@ def build_program(context: Any, source: str, defines: Mapping[str, Define]) -> A
     """
     for cl_device in context.devices:
         check_cache(cl_device)
-    return cl.Program(context, source).build(options=[*_OPTIONS, *macro_options(defines)])
+    program = cl.Program(context, source)
+    with warnings.catch_warnings():
+        # Some drivers' compilers (Intel's) tell of every build that it went well.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        return program.build(options=[*_OPTIONS, *macro_options(defines)])
 
 
 def macro_options(defines: Mapping[str, Define]) -> tuple[str, ...]:
