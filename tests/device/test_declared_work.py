@@ -66,7 +66,7 @@ OTHER_SETTINGS: list[tuple[str, dict[str, Any]]] = [
     ("srp", {"storage": "fp32"}),
     ("srp", {"storage": "snorm16", "bounces": False}),
     ("gibs", {"depth_moments": False, "ray_guiding": True}),
-    ("gibs", {"placement": "rays", "bare_chance": 0.08}),
+    ("gibs", {"placement": "rays", "bare_chance": 1.0}),
     ("ddgi", {"storage": "fp32", "relocation": False}),
 ]
 

@@ -50,7 +50,14 @@ def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
     scene, seed = furnished(), int(rng.integers(2**31))
     settings = {"surfels": 3000, "placement": "rays", "bare_threshold": 0.5, "grid_cells": 9}
     technique = gibs(
-        scene, variant, size, seed=seed, bare_chance=0.6, rays_per_surfel=6.0, **settings
+        scene,
+        variant,
+        size,
+        seed=seed,
+        placement_chance=0.6,
+        bare_chance=0.6,
+        rays_per_surfel=6.0,
+        **settings,
     )
     frames, s = Frames(technique, size).run(2), technique.surfels
     device, read = technique.device, technique.device.read
