@@ -1,0 +1,93 @@
+"""The same room from 2 mm to 5 km: every technique gives the same light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.made import made
+from support.scaled import scaled
+from support.tiny_scenes import room
+
+from gibench.device import Device
+from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.profiles import load_profile
+from gibench.scene.lightmap import Lightmap
+from gibench.scene.model import Camera, PointLight, ProbeSettings
+from gibench.techniques.registry import BakeContext, find_technique, techniques
+
+# Of a room of 2.4 m. Enough frames for what the seed decides to be the same light in all.
+SCALES = {"2 mm": 1e-3, "5 km": 2e3}
+FRAMES = {"gibs": 240}
+# SRP's are given: what it chooses at random differs where rounding does.
+PROBES = [[x, y, z] for x in (-0.6, 0.6) for y in (0.5, 1.9) for z in (-0.8, 0.8)]
+SETTINGS = {
+    "ddgi": {"counts": "3x3x3", "rays": 128, "storage": "fp32"},
+    "gibs": {"surfels": 3000, "placement_chance": 0.6, "rays_per_surfel": 8.0, "grid_cells": 10},
+    "srp": {"sh_order": 2, "transport_rays": 256, "relight_samples": 256},
+}
+
+
+@cache
+def light(technique: str, factor: float, cache_dir: Path) -> np.ndarray:
+    """Indirect irradiance at the receivers (n, 3)."""
+    scene, lightmap = room(side=5, lights=(PointLight((0.5, 1.9, 0.5), (4.0, 4.0, 4.0)),))
+    scene = replace(
+        scene,
+        cameras=(Camera((0.9, 1.6, 1.0), (-0.2, 0.8, -0.2), 80.0),),
+        probes=ProbeSettings(len(PROBES), np.array(PROBES, np.float32)),
+    )
+    scene, lightmap = scaled(scene, factor), stretched(lightmap, factor)
+    spec = find_technique(technique)
+    settings = spec.settings(SETTINGS.get(technique, {}))
+    baked = spec.bake(BakeContext(scene, lightmap, settings, cache_dir))
+    profile = replace(load_profile("vega56"), simd_width=1)
+    one = made(
+        spec, Device(profile), scene, lightmap, settings, baked, "tuned", 64, 32, 24,
+        scene.cameras[0], 5,
+    )  # fmt: skip
+    prepared = prepare_passes(one, 64)
+    for frame in range(FRAMES.get(technique, 40)):
+        enqueue_frame(one, prepared, frame)
+    return np.asarray(one.indirect_irradiance(), np.float64)
+
+
+def stretched(lightmap: Lightmap, factor: float) -> Lightmap:
+    """The same receivers in another unit."""
+    r, f = lightmap.receivers, lightmap.fragments
+    return replace(
+        lightmap,
+        receivers=replace(
+            r,
+            position=(r.position * factor).astype(np.float32),
+            area=(r.area * factor**2).astype(np.float32),
+        ),
+        fragments=replace(
+            f,
+            corners=(f.corners * factor).astype(np.float32),
+            area=(f.area * factor**2).astype(np.float32),
+        ),
+    )
+
+
+@pytest.mark.parametrize("size", SCALES)
+@pytest.mark.parametrize("technique", ["ddgi", "gibs", "srp"])
+def test_a_room_of_any_size_has_the_same_light(tmp_path_factory, technique, size):
+    cache_dir = tmp_path_factory.getbasetemp()
+    metre, found = (light(technique, factor, cache_dir) for factor in (1.0, SCALES[size]))
+    assert metre.mean() > 0.1
+    assert found.mean() == pytest.approx(metre.mean(), rel=0.02)
+    if technique != "gibs":  # whose surfels lie elsewhere where rounding differs
+        off = np.sqrt(((found - metre) ** 2).mean()) / metre.mean()
+        assert off < 0.02
+
+
+def test_these_are_all_that_gather_light():
+    """A technique that comes new is to be tried at these scales, too."""
+    known = {"ddgi", "gibs", "srp", "direct"}
+    others = {"surfel-cache", "irradiance-probes", "light-field-probes"}
+    assert known <= set(techniques())
+    assert set(techniques()) - known <= others
