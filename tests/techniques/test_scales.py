@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from support.made import made
 from support.scaled import scaled
-from support.tiny_scenes import room
+from support.tiny_scenes import empty_room, room
 
 from gibench.device import Device
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Camera, PointLight, ProbeSettings
+from gibench.scene.model import Camera, Material, PointLight, ProbeSettings
 from gibench.techniques.registry import BakeContext, find_technique, techniques
 
 # Of a room of 2.4 m. Enough frames for what the seed decides to be the same light in all.
@@ -26,7 +26,13 @@ FRAMES = {"gibs": 240}
 PROBES = [[x, y, z] for x in (-0.6, 0.6) for y in (0.5, 1.9) for z in (-0.8, 0.8)]
 SETTINGS = {
     "ddgi": {"counts": "3x3x3", "rays": 128, "storage": "fp32"},
-    "gibs": {"surfels": 3000, "placement_chance": 0.6, "rays_per_surfel": 8.0, "grid_cells": 10},
+    "gibs": {
+        "surfels": 3000,
+        "placement_chance": 0.6,
+        "rays_per_surfel": 8.0,
+        "grid_cells": 10,
+        "radius_share": 0.15,
+    },
     "srp": {"sh_order": 2, "transport_rays": 256, "relight_samples": 256},
 }
 
@@ -35,6 +41,10 @@ SETTINGS = {
 def light(technique: str, factor: float, cache_dir: Path) -> np.ndarray:
     """Indirect irradiance at the receivers (n, 3)."""
     scene, lightmap = room(side=5, lights=(PointLight((0.5, 1.9, 0.5), (4.0, 4.0, 4.0)),))
+    if technique == "gibs":  # by chance surfels lie elsewhere where rounding differs: in even light
+        glowing = (Material("glowing", (0.5, 0.5, 0.5), (1.0, 1.0, 1.0)),)
+        scene, lightmap = empty_room(side=5)
+        scene = replace(scene, materials=glowing)
     scene = replace(
         scene,
         cameras=(Camera((0.9, 1.6, 1.0), (-0.2, 0.8, -0.2), 80.0),),
@@ -80,9 +90,8 @@ def test_a_room_of_any_size_has_the_same_light(tmp_path_factory, technique, size
     metre, found = (light(technique, factor, cache_dir) for factor in (1.0, SCALES[size]))
     assert metre.mean() > 0.1
     assert found.mean() == pytest.approx(metre.mean(), rel=0.02)
-    if technique != "gibs":  # whose surfels lie elsewhere where rounding differs
-        off = np.sqrt(((found - metre) ** 2).mean()) / metre.mean()
-        assert off < 0.02
+    off = np.sqrt(((found - metre) ** 2).mean()) / metre.mean()
+    assert off < (0.05 if technique == "gibs" else 0.02)
 
 
 def test_these_are_all_that_gather_light():

@@ -11,7 +11,7 @@ from gibench.techniques.parts.free_space import free_space, in_reach
 from gibench.techniques.parts.rare_light import rare_light
 from gibench.techniques.registry import PUBLISHED
 
-_REACHED: Final = 0.85  # share of the surface that must be
+_REACHED: Final = 0.7  # share of the lit surface that must be
 _WINDOW: Final = 256  # rays that a surfel's mean holds, kernels_cl/gibs/estimator.cl
 
 
