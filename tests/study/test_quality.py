@@ -295,6 +295,7 @@ def test_what_a_technique_does_not_cover_is_told_apart(run, tmp_path, capsys):
     """A camera at rest: GIBS has no surfels on the backs of the boxes, which count as black."""
     out, cache = run
     wide = ("surfels=3000", "placement_chance=1", "radius_share=0.2", "grid_cells=4")
+    wide = (*wide, "placement=camera")
     settings = [word for one in wide for word in ("--set", f"gibs.{one}")]
     options = ("-t", "gibs", *settings, "--reference", str(out / "receivers.npz"))
     code = call(["quality", *SMALL, *options, "--cache-dir", str(cache), "--out", str(tmp_path)])

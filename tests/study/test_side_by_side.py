@@ -236,7 +236,8 @@ def test_a_run_counts_surfels_and_their_work_as_they_are_at_its_end(tmp_path):
         "6",
     ]
     command += ["--warmup", "4", "--resolution", "64x48", "--set", "gibs.placement_chance=1"]
-    command += ["--set", "gibs.surfels=500", "--camera-path", "flight", "--rest-frames", "2"]
+    command += ["--set", "gibs.surfels=500", "--set", "gibs.placement=camera"]
+    command += ["--camera-path", "flight", "--rest-frames", "2"]
     assert call([*command, "--flight-frames", "5", "-q", "--out", str(tmp_path / "run")]) == 0
     (frame,) = pd.read_csv(tmp_path / "run" / "frames.csv").to_dict("records")
     assert 12 < frame["surfels"] <= 10 * 12  # twelve tiles place one each in ten frames
