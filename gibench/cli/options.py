@@ -271,6 +271,17 @@ WarmupSeconds = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+WarmupSecondsOrAuto = Annotated[
+    float | None,
+    typer.Option(
+        "--warmup-seconds",
+        min=0,
+        metavar="S",
+        help="Seconds of frames at most that it waits; by default 180, and 20 where all techniques "
+        "are run.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Quiet = Annotated[
     bool,
     typer.Option(

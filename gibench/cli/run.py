@@ -46,7 +46,7 @@ def run(
         ),
     ] = None,
     warmup_frames: options.WarmupFrames = 1000,
-    warmup_seconds: options.WarmupSeconds = 180.0,
+    warmup_seconds: options.WarmupSecondsOrAuto = None,
     cold: Annotated[
         bool,
         typer.Option(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,14 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
+from gibench.commands.run_files import tables_of, write_tables
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted, printable
 from gibench.measure.plan.grid import job_label
 from gibench.measure.plan.stopping import Patience, Plan
 from gibench.measure.run import Measured, verdict
 from gibench.measure.run import run as measure
-from gibench.measure.runfolder.folder import SAMPLES, RunFolder
+from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.results import OK, JobResult
 from gibench.measure.session.session import check_job
 from gibench.measure.session.shared import Shared
@@ -25,10 +26,8 @@ from gibench.measure.statistics.summary import REAL_TIME_MS
 from gibench.profiles import DeviceProfile
 from gibench.report.images import ImageWriter
 from gibench.report.loaded import ERRORS, answers_of
-from gibench.report.markdown import report
-from gibench.report.projection import PROJECTED, projected_section
-from gibench.report.roofline import write_roofline
-from gibench.report.tables import csv_text, frames_table, passes_table
+from gibench.report.projection import PROJECTED
+from gibench.report.tables import csv_text
 from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budgets
 from gibench.study.run_errors import measurable, run_errors
 from gibench.study.site import Site
@@ -39,6 +38,10 @@ from gibench.trace.extra import require_extra
 from gibench.work import Executor, Worker
 
 _LOG = logging.getLogger(__name__)
+
+
+NAMED_SECONDS, FIRST_LOOK_SECONDS = 180.0, 20.0
+"""Of warm-up's frames, for techniques that were named and for a run of all."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ def run(
     frames: int | None = None,
     warmup: int | None = None,
     warmup_frames: int = 1000,
-    warmup_seconds: float = 180.0,
+    warmup_seconds: float | None = None,
     cold: bool = False,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
@@ -131,7 +134,9 @@ def run(
     cl_device = select_cl_device(device)
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
     jobs, left_out = _suited(jobs, shared, all_techniques=technique is None)
-    patience = Patience(warmup_frames, warmup_seconds)
+    arguments["technique"] = list(dict.fromkeys(job.technique for job in jobs))
+    seconds = _seconds_to_rest(warmup_seconds, named=technique is not None)
+    patience = Patience(warmup_frames, seconds)
     flown = jobs[0].shot.flight.frames
     plan = Plan(frames=frames or flown or None, warmup=warmup, patience=patience)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
@@ -188,32 +193,6 @@ def _project(
     return table
 
 
-def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
-    """Write the tables and the report of a run from its stored samples.
-
-    Raises:
-        GibenchError: the disk refuses.
-    """
-    _, passes, frames = _tables(folder.path, record)
-    folder.write_text("passes.csv", csv_text(passes))
-    folder.write_text("frames.csv", csv_text(frames))
-    write_roofline(folder.path, passes, record)
-    found = answers_of(folder.path, record, frames)
-    table = pd.concat([one.table.assign(scene=one.scene, profile=one.profile) for one in found])
-    folder.write_text("which.csv", csv_text(table))
-    text = report(passes, frames, record, found)
-    if (folder.path / PROJECTED).is_file():
-        text += "\n" + projected_section(pd.read_csv(folder.path / PROJECTED))
-    folder.write_text("report.md", text)
-
-
-def _tables(
-    path: Path, record: Mapping[str, Any]
-) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
-    samples = pd.read_csv(path / SAMPLES)
-    return samples, passes_table(samples, record), frames_table(samples, record)
-
-
 def _result(
     path: Path, measured: Measured, left_out: Sequence[str], interrupted: bool
 ) -> RunResult:
@@ -222,7 +201,7 @@ def _result(
     if interrupted and error is None:
         error = Interrupted(f"interrupted before errors were known; all times are kept in {path}")
     ran = sum(result.frames > 0 for result in outcome.results)
-    samples, passes, frames = _tables(path, measured.record)
+    samples, passes, frames = tables_of(path, measured.record)
     return RunResult(
         folder=path,
         record=measured.record,
@@ -234,6 +213,13 @@ def _result(
         answers=answers_of(path, measured.record, frames),
         left_out=tuple(left_out),
     )
+
+
+def _seconds_to_rest(asked_for: float | None, *, named: bool) -> float:
+    """How long warm-up waits for a technique to rest: at a first look at all of them, not long."""
+    if asked_for is not None:
+        return asked_for
+    return NAMED_SECONDS if named else FIRST_LOOK_SECONDS
 
 
 def _budgets(frame_ms: float, gi_ms: float) -> Budgets:

@@ -51,7 +51,18 @@ def test_baked_once_both_techniques_run_twice_to_the_same_images(
     assert len(stored) >= 2  # the lightmap and a cluster
     pictures = []
     for turn in ("first", "second"):
-        command = ("run", "--no-quality", "-t", "srp", "-t", "direct", *SMALL, *cache, "--out", str(tmp_path / turn))
+        command = (
+            "run",
+            "--no-quality",
+            "-t",
+            "srp",
+            "-t",
+            "direct",
+            *SMALL,
+            *cache,
+            "--out",
+            str(tmp_path / turn),
+        )
         if turn == "first":
             assert call([*command]) == 0
             assert capsys.readouterr().err == ""

@@ -338,7 +338,7 @@ def test_what_bakes_does_not_follow(tmp_path, file, capsys):
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert "srp cannot follow objects that move: what it bakes holds for the scene at rest" in told
-    assert "run it without --motion, or ddgi, direct, gibs with it" in told
+    assert "run it without --motion, or ddgi, direct, gibs, surfel-cache with it" in told
 
 
 def test_no_truth_is_traced_of_what_moves(tmp_path, file, capsys):

@@ -192,7 +192,6 @@ def render(
             mine = np.flatnonzero((rows >= 0) & (scene.glow.image[rows] == i))
             glow: Array = np.asarray(decoded(*shared_exponents(pixels))).reshape(pixels.shape)
             at = np.einsum("nk,nkd->nd", weights[mine], scene.glow.uvs[rows[mine]].astype(float))
-            height, width = pixels.shape[:2]
             tall, wide = glow.shape[:2]
             tx, ty = at[:, 0] * wide - 0.5, (1 - at[:, 1]) * tall - 0.5
             emission[mine] = bilinear(glow, tx, ty, wrap=True)
