@@ -73,7 +73,7 @@ def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
     own = np.array([(int(ray) ^ mask) * FACTOR % 2**32 for ray in bare], np.uint64)
     expected = np.full(len(keys), NO_RAY, np.uint64)
     np.minimum.at(expected, cells_of(technique, points), own)
-    assert 30 < (expected != NO_RAY).sum() < len(bare)
+    assert 8 < (expected != NO_RAY).sum() < len(bare)
     # A hit on the border between two cells may count to either in float32.
     wrong = np.flatnonzero(keys != expected)
     assert len(wrong) <= 0.02 * len(keys)
@@ -87,7 +87,7 @@ def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
     for cell in np.flatnonzero(keys != NO_RAY):
         if pcg3d(seed ^ 0xC2B2AE35, 3, int(cell))[0] < round(0.6 * 2**32):
             ids.append((free[before[1] - 1 - len(ids)], by_number[int(keys[cell])]))
-    assert after[0] - before[0] == before[1] - after[1] == len(ids) > 10
+    assert after[0] - before[0] == before[1] - after[1] == len(ids) > 2
     alive = read(technique.surfels.geometry.alive_ids)[before[0] : after[0]]
     np.testing.assert_array_equal(alive, [one for one, _ in ids])
     placed = read(technique.surfels.geometry.local_position)[:, alive].T
