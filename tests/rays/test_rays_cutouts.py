@@ -81,8 +81,10 @@ def test_a_mask_is_a_hole_in_the_mesh(rng, tracer_of, repeat):
     leaf = np.append(both.leaf_of[0], -2)[got.triangle]
     of_mesh = np.append(both.leaf_of[1], -2)[expected.triangle]
     other = np.flatnonzero(sure & (leaf != of_mesh))
-    assert len(other) <= 3  # where two leaves cross, either is the first
-    np.testing.assert_allclose(got.distance[other], expected.distance[other], rtol=1e-5)
+    # What lies closer behind a hole than a ray steps past it is passed as well.
+    assert len(other) <= 3
+    np.testing.assert_allclose(got.distance[other], expected.distance[other], atol=1e-4)
+    sure[other] = False
     assert (leaf[sure] >= 0).mean() > 0.04
     np.testing.assert_allclose(got.distance[sure], expected.distance[sure], rtol=1e-4, atol=1e-5)
     there = masked.corners[got.triangle[sure]].astype(np.float64)
