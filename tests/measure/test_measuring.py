@@ -196,5 +196,8 @@ def test_the_harness_costs_little_of_a_frame(technique: str, tmp_path: Path) -> 
         ]
     )
     assert code == 0
-    frame = pd.read_csv(tmp_path / "out" / "frames.csv").iloc[0]
-    assert frame["gap_ms"] < 0.05 * frame["median_ms"]
+    samples = pd.read_csv(tmp_path / "out" / "samples.csv")
+    by_frame = samples.groupby("frame")
+    walls, kernels = by_frame["frame_wall_ms"].first(), by_frame["time_ms"].sum()
+    # The least of the frames: the harness is in each, what another process holds up is not.
+    assert (walls - kernels).min() < 0.05 * walls.median()

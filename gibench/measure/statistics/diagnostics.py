@@ -68,7 +68,10 @@ def outliers(times_ms: Times) -> npt.NDArray[np.bool_]:
 
 def _drift(times: npt.NDArray[np.float64]) -> float | None:
     third = len(times) // 3
-    change = float(np.median(times[-third:]) / np.median(times[:third]) - 1)
+    first = float(np.median(times[:third]))
+    if first <= 0:  # a pass that does nothing in most frames
+        return None
+    change = float(np.median(times[-third:])) / first - 1
     if abs(change) <= DRIFT_SHARE:
         return None
     chance = kendalltau(np.arange(len(times)), times).pvalue
