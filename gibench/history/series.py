@@ -24,6 +24,7 @@ JOIN configurations c ON c.run = s.run AND c.configuration = s.configuration
 JOIN runs r ON r.run = s.run
 GROUP BY r.machine, r.machine_text, r.runtime, c.series, c.label, c.technique, s.pass, r.run,
          r.started_utc, r.revision, r.dirty, r.folder, r.environment
+HAVING median(s.value) > 0  -- a pass that does nothing in most frames has no trend
 ORDER BY r.machine, r.runtime, c.label, c.series, s.pass, r.started_utc, r.run
 """
 

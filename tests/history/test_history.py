@@ -144,7 +144,9 @@ def test_recorded_runs_of_older_gibench_are_read() -> None:
         made = read_entry(file.parent)
         passes = set(made.tables["samples"]["pass"])
         assert FRAME in passes
-        assert (made.tables["samples"]["value"] > 0).all()
+        samples = made.tables["samples"]
+        assert (samples["value"] >= 0).all()  # a pass may have nothing to do in a frame
+        assert (samples["value"][samples["pass"] == FRAME] > 0).all()
 
 
 def _add(runs: list[Path], history: Path) -> None:
