@@ -158,7 +158,7 @@ def _sentence(rows: Sequence[Mapping[str, Any]], budgets: Budgets, cpu: str, pro
     )
     competing = [row for row in rows if not row["status"]]
     if not competing:
-        return f"{where}, nothing can be said: no technique ran and settled."
+        return f"{where}, nothing can be said: nothing with global illumination ran and settled."
     fits = [row for row in competing if _over(row, budgets) <= 1]
     if not fits:
         nearest = min(competing, key=lambda row: _over(row, budgets))
