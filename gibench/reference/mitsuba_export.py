@@ -156,15 +156,22 @@ def _cut_out_shapes(
                 mend="give them the same coordinates",
             )
         file = folder / f"material{number}-cut{place}.ply"
-        flat = corners.reshape(-1)
-        _write_ply(
-            file=file,
-            positions=scene.positions[flat],
-            normals=scene.normals[flat],
-            uvs=uvs.reshape(-1, 2),
-            corner=np.arange(len(flat)),
-        )
+        _write_corners(file, scene, corners, uvs)
         _shape(root, file, material, scene.textures, image)
+
+
+def _write_corners(
+    file: Path, scene: Scene, corners: npt.NDArray[Any], uvs: npt.NDArray[Any]
+) -> None:
+    """Triangles of ``corners`` (k, 3), vertices of the scene, with ``uvs`` (k, 3, 2)."""
+    flat = corners.reshape(-1)
+    _write_ply(
+        file=file,
+        positions=scene.positions[flat],
+        normals=scene.normals[flat],
+        uvs=uvs.reshape(-1, 2),
+        corner=np.arange(len(flat)),
+    )
 
 
 def _glowing_shapes(
@@ -186,14 +193,7 @@ def _glowing_shapes(
                 mend="give them the same coordinates",
             )
         file = folder / f"material{number}-glow{place}.ply"
-        flat = corners.reshape(-1)
-        _write_ply(
-            file=file,
-            positions=scene.positions[flat],
-            normals=scene.normals[flat],
-            uvs=uvs.reshape(-1, 2),
-            corner=np.arange(len(flat)),
-        )
+        _write_corners(file, scene, corners, uvs)
         _shape(root, file, material, scene.textures, glow=image)
 
 

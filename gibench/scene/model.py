@@ -99,6 +99,12 @@ class DirectionalLight:
     swing_degrees: float = 0.0
     period_frames: int = 240
 
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere in other frames; a vertical one turns about itself."""
+        x, _, z = self.direction
+        return bool(self.swing_degrees) and (x != 0 or z != 0)
+
     def at(self, frame: int) -> DirectionalLight:
         """The light in ``frame`` (its direction turned about +Y)."""
         if not self.swing_degrees:
@@ -125,6 +131,11 @@ class PointLight:
     intensity: Vec3
     orbit_radius: float = 0.0
     period_frames: int = 240
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is elsewhere in other frames."""
+        return bool(self.orbit_radius)
 
     def at(self, frame: int) -> PointLight:
         """The light in ``frame``."""
@@ -153,6 +164,11 @@ class SpotLight:
     intensity: Vec3
     inner_angle: float = 0.0
     outer_angle: float = math.pi / 4
+
+    @property
+    def moves(self) -> bool:
+        """It never does."""
+        return False
 
     def at(self, frame: int) -> SpotLight:
         """The light in ``frame``."""
@@ -351,6 +367,11 @@ class Scene:
         """The triangles' objects numbered from 0 in the order of ``object_ids``, (t,) int32."""
         numbers = np.unique(self.object_ids, return_inverse=True)[1]
         return numbers.reshape(-1).astype(np.int32)
+
+    @property
+    def lights_move(self) -> bool:
+        """Whether any of its lights is elsewhere in other frames."""
+        return any(light.moves for light in self.lights)
 
     def lights_at(self, frame: int) -> tuple[Light, ...]:
         """The lights in ``frame``."""

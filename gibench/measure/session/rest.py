@@ -12,9 +12,6 @@ from gibench.techniques.job import World
 from gibench.techniques.registry import TechniqueSpec, Wakes, find_technique
 from gibench.techniques.technique import LOOK_EVERY, KnowsItsRest
 
-_LIGHT_FRAMES = (1, 2, 3, 5, 60)
-"""Frames in which lights that move are not all where they are in frame 0, whatever their period."""
-
 
 @dataclass
 class RestWatch:
@@ -110,11 +107,10 @@ def kept_awake(spec: TechniqueSpec, world: World, aside: Set[Wakes] = frozenset(
     """What of ``world``, but for ``aside``, moves that keeps ``spec`` from ever being at rest, in
     words; empty where nothing does.
     """
-    lights = world.scene.lights_at(0)
     moving = {
         Wakes.CAMERA: world.flight is not None,
         Wakes.OBJECTS: world.motion is not None,
-        Wakes.LIGHTS: any(world.scene.lights_at(frame) != lights for frame in _LIGHT_FRAMES),
+        Wakes.LIGHTS: world.scene.lights_move,
     }
     waking = spec.woken_by - aside
     return " and ".join(one.value for one in Wakes if moving[one] and one in waking)

@@ -113,7 +113,7 @@ def _shade(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> I
         technique.scene.scene, 17 + size, s, direction[chosen], (t, u, v, triangle[chosen])
     )
     yield at_least(float(certain.mean()), 0.8)
-    found, kept = _rays_of(technique)
+    found, kept = rays_of(technique)
     found = found[active].reshape(-1, 3)[chosen]
     yield off(found[certain], radiance[certain], 5e-4, 1e-5)
     kept = kept[active].reshape(len(hit), -1)[chosen]
@@ -124,7 +124,7 @@ def _shade(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> I
     yield off(kept[certain], np.stack([distance >= 0, d, d**2], axis=1)[certain], 1e-5)
 
 
-def _rays_of(technique: Any) -> tuple[Array, Array]:
+def rays_of(technique: Any) -> tuple[Array, Array]:
     """What probe_shade stored: radiance (p, b, 3) and signed distance or what is blended of it."""
     stored = technique.device.read(technique.blending.rays).astype(np.float64)
     count = technique.probes.volume.probes
@@ -134,7 +134,7 @@ def _rays_of(technique: Any) -> tuple[Array, Array]:
     return lanes[..., :3], lanes[..., 3:]
 
 
-def _store_rays(technique: Any, s: State, radiance: Array, distance: Array) -> None:
+def store_rays(technique: Any, s: State, radiance: Array, distance: Array) -> None:
     """Write rays in the variant's layout (kernels_cl/ddgi/rays.cl)."""
     if technique.blending.lanes == 1:
         packed = np.concatenate([radiance, distance[..., None]], axis=2)
@@ -162,7 +162,7 @@ def _blend(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> I
     distance[rng.random(shape) < 0.1] = FAR
     distance *= np.where(rng.random(shape) < rng.uniform(0, 0.4, (shape[0], 1)), -1, 1)
     distance = distance.astype(np.float32).astype(np.float64)
-    _store_rays(technique, s, radiance, distance)
+    store_rays(technique, s, radiance, distance)
     device.write(probes.accepted, np.full(len(s.state), -1))
     run_pass(technique, "blend_irradiance", size)
     run_pass(technique, "blend_distance", size)

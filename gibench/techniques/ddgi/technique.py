@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-import numpy as np
-
 from gibench.device import Device, Launch
 from gibench.scene.model import Camera
 from gibench.techniques.ddgi.blending import Blending, Published, Tuned
@@ -17,6 +15,7 @@ from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.parts.steady import Steady
 from gibench.techniques.registry import TUNED
@@ -92,19 +91,12 @@ class Ddgi:
         Raises:
             CannotRun: they do not fit beside the technique.
         """
-        receivers, device = self._world.lightmap.receivers, self.device
-        held = []
-        try:
-            for name, array in (
-                ("gathered_position", receivers.position),
-                ("gathered_normal", receivers.normal),
-                ("gathered_irradiance", np.zeros((len(receivers), 3), np.float32)),
-            ):
-                held.append(device.upload(name, array))
-            self._run(self._passes.receivers(*held))
-            return device.read(held[2])
-        finally:
-            device.release(*held)
+        return gathered_at(
+            self._world.lightmap.receivers,
+            self.device,
+            self._passes.receivers,
+            self._job.group_size,
+        )
 
     def average_variability(self) -> float:
         """Mean coefficient of variation over the usable probes' texels in the last frame."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from gibench.bake.stage import Stage
-from gibench.scene.model import Scene
 from gibench.techniques.irradiance_probes.settings import IrradianceProbeSettings
 from gibench.techniques.irradiance_probes.technique import IrradianceProbes
 from gibench.techniques.parts.captured_probes.stages import Asked, probe_stages
-from gibench.techniques.parts.captured_probes.technique import declared
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+from gibench.techniques.parts.captured_probes.technique import check_volume, declared, probe_sweep
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
 
 __all__ = ["SPEC", "IrradianceProbeSettings", "IrradianceProbes"]
 
@@ -21,24 +20,17 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     return probe_stages(IrradianceProbes.name, context, asked)
 
 
-def _check(scene: Scene, settings: IrradianceProbeSettings) -> None:
-    settings.volume(scene)
-
-
-def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
-    return {"probes": (16, 64), "map_texels": (16, 64)}
-
-
 SPEC = TechniqueSpec(
     name=IrradianceProbes.name,
     title="Irradiance probes",
     variants=(PUBLISHED, TUNED),
     settings_type=IrradianceProbeSettings,
     stages=_stages,
+    woken_by=frozenset({Wakes.LIGHTS, Wakes.OBJECTS}),
     create=IrradianceProbes,
     buffers=declared,
-    sweep=_sweep,
-    check=_check,
+    sweep=probe_sweep,
+    check=check_volume,
     memory_options=("--probes", "--set irradiance-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},
 )

@@ -13,7 +13,14 @@ from gibench.scene.model import Scene
 from gibench.techniques.job import Known
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
+from gibench.techniques.registry import (
+    PUBLISHED,
+    TUNED,
+    BakeContext,
+    Follows,
+    TechniqueSpec,
+    Wakes,
+)
 from gibench.techniques.surfel_cache.bake.stages import Given, surfel_cache_stages, volume_of
 from gibench.techniques.surfel_cache.pack import Sizes
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
@@ -62,6 +69,7 @@ SPEC = TechniqueSpec(
     variants=(PUBLISHED, TUNED),
     settings_type=SurfelCacheSettings,
     stages=_stages,
+    woken_by=frozenset({Wakes.LIGHTS, Wakes.OBJECTS}),
     create=SurfelCache,
     buffers=_buffers,
     follows=frozenset({Follows.DIRECT_LIGHT}),

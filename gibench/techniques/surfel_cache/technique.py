@@ -14,6 +14,7 @@ from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.registry import TUNED
 from gibench.techniques.surfel_cache.bake.data import SurfelBake
@@ -85,20 +86,13 @@ class SurfelCache:
         Raises:
             CannotRun: they do not fit beside the technique.
         """
-        receivers, device = self._world.lightmap.receivers, self.device
-        held = []
-        try:
-            for name, array in (
-                ("looked_up_place", self._places()),
-                ("looked_up_position", receivers.position),
-                ("looked_up_normal", receivers.normal),
-                ("looked_up_irradiance", np.zeros((len(receivers), 3), np.float32)),
-            ):
-                held.append(device.upload(name, array))
-            device.enqueue(self.frame.receivers(*held), self._job.group_size)
-            return device.read(held[3])
-        finally:
-            device.release(*held)
+        return gathered_at(
+            self._world.lightmap.receivers,
+            self.device,
+            self.frame.receivers,
+            self._job.group_size,
+            {"looked_up_place": self._places()},
+        )
 
     def _places(self) -> Floats:
         uvs = self.device.read(self.frame.held["cache_uvs"]).reshape(-1, 3, 2)

@@ -29,38 +29,13 @@ from support.synthetic_bake import random_lightmap, random_scene, random_unit
 
 from gibench.device import kernel_source
 from gibench.rays.embree import EmbreeTracer
+from gibench.techniques.ddgi.conform import rays_of, store_rays
 from gibench.techniques.parts.camera_table import camera_table
 
 
 @pytest.fixture(scope="module")
 def scene():
     return random_scene(np.random.default_rng(7), 80)
-
-
-def rays_of(technique):
-    """What probe_shade stored: radiance (p, b, 3) and signed distance or what is blended of it."""
-    stored = technique.device.read(technique.blending.rays).astype(np.float64)
-    count = technique.probes.volume.probes
-    if technique.blending.lanes == 1:
-        return stored[..., :3], stored[..., 3]
-    lanes = np.moveaxis(stored, 3, 1).reshape(-1, *stored.shape[1:3])[:count]  # (p, b, planes)
-    return lanes[..., :3], lanes[..., 3:]
-
-
-def store_rays(technique, radiance, distance):
-    """Write rays in the variant's layout (kernels_cl/ddgi/rays.cl)."""
-    s = state_of(technique)
-    if technique.blending.lanes == 1:
-        packed = np.concatenate([radiance, distance[..., None]], axis=2)
-    else:
-        lanes, count = technique.blending.lanes, len(radiance)
-        d = np.minimum(np.where(distance < 0, -0.2 * distance, distance), s.longest) / s.longest
-        front = distance >= 0
-        planes = [radiance * front[..., None], front[..., None], d[..., None], d[..., None] ** 2]
-        full = np.zeros((-(-count // lanes) * lanes, radiance.shape[1], 6))
-        full[:count] = np.concatenate(planes, axis=2)
-        packed = np.moveaxis(full.reshape(-1, lanes, *full.shape[1:]), 1, 3)
-    technique.device.write(technique.blending.rays, packed)
 
 
 def random_rays(technique, rng):
@@ -257,7 +232,7 @@ def test_blending(scene, size, variant, more):
     randomise(technique, rng, states=(0, 1, 3, 3))
     technique.begin_frame(3)
     radiance, distance = random_rays(technique, rng)
-    store_rays(technique, radiance, distance)
+    store_rays(technique, state_of(technique), radiance, distance)
     s, device, probes = state_of(technique), technique.device, technique.probes
     device.write(probes.accepted, np.full(len(s.state), -1))
     run_pass(technique, "blend_irradiance", size)
@@ -293,7 +268,7 @@ def test_fp16_rounding_keeps_the_mean(scene, variant):
     technique.begin_frame(5)
     radiance, distance = random_rays(technique, rng)
     distance = np.abs(distance)
-    store_rays(technique, radiance, distance)
+    store_rays(technique, state_of(technique), radiance, distance)
     s = state_of(technique)
     run_pass(technique, "blend_irradiance", 64)
     run_pass(technique, "blend_distance", 64)

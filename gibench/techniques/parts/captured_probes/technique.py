@@ -15,9 +15,24 @@ from gibench.techniques.parts.captured_probes.passes import Biases, ProbePasses
 from gibench.techniques.parts.captured_probes.settings import CapturedProbeSettings
 from gibench.techniques.parts.captured_probes.stages import CapturedProbes
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.registry import TUNED
 from gibench.techniques.technique import FloatArray, Pass
+
+
+def check_volume(scene: Scene, settings: CapturedProbeSettings) -> None:
+    """Refuse probes that do not suit a scene.
+
+    Raises:
+        BadInput: naming what is wrong.
+    """
+    settings.volume(scene)
+
+
+def probe_sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
+    """What 'gibench advise' tries: few probes and many, coarse maps and finer ones."""
+    return {"probes": (16, 64), "map_texels": (16, 64)}
 
 
 def declared(known: Known) -> list[BufferSpec]:
@@ -28,15 +43,6 @@ def declared(known: Known) -> list[BufferSpec]:
         *HeldProbes.buffers(settings, settings.volume(known.scene).probes),
         HitBuffer.spec(shot.width, shot.height),
     ]
-
-
-def lights_move(scene: Scene) -> bool:
-    """Whether any of its lights is elsewhere in some frame."""
-    return any(
-        getattr(light, name, 0.0)
-        for light in scene.lights
-        for name in ("swing_degrees", "orbit_radius")
-    )
 
 
 class CapturedProbeTechnique:
@@ -102,19 +108,12 @@ class CapturedProbeTechnique:
         Raises:
             CannotRun: they do not fit beside the technique.
         """
-        receivers, device = self._world.lightmap.receivers, self.device
-        held = []
-        try:
-            for name, array in (
-                ("gathered_position", receivers.position),
-                ("gathered_normal", receivers.normal),
-                ("gathered_irradiance", np.zeros((len(receivers), 3), np.float32)),
-            ):
-                held.append(device.upload(name, array))
-            device.enqueue(self._passes.receivers(*held), self._job.group_size)
-            return device.read(held[2])
-        finally:
-            device.release(*held)
+        return gathered_at(
+            self._world.lightmap.receivers,
+            self.device,
+            self._passes.receivers,
+            self._job.group_size,
+        )
 
     def counts(self) -> dict[str, int]:
         """Probes, and receivers it is compared on."""
@@ -132,7 +131,7 @@ class CapturedProbeTechnique:
         ]
         if inside := int(np.count_nonzero(~baked.usable)):
             found.append(f"{inside} of {baked.volume.probes} probes lie inside surfaces")
-        if not settings.relit and lights_move(self._world.scene):
+        if not settings.relit and self._world.scene.lights_move:
             found.append(
                 "the probes were lit once, with the lights as in frame 0 (update=static): direct "
                 "light moves, indirect light does not"
