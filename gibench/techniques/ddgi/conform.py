@@ -35,6 +35,7 @@ from gibench.techniques.parts.conformance.case import (
     off,
     run_pass,
 )
+from gibench.techniques.parts.conformance.shading import PlaneHits
 from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
 from gibench.techniques.registry import BakeContext
 
@@ -77,12 +78,16 @@ def _trace(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]
         near = direction + rng.uniform(-1, 1, direction.shape) * 2e-4
         certain &= tracer.closest(origin, near.astype(np.float32)).triangle == hits.triangle
     shape, fixed = (len(s.state), s.settings.rays), s.settings.fixed
-    triangle, distance = hits.triangle.reshape(shape), hits.distance.reshape(shape)
-    certain = certain.reshape(shape)
+    # Embree's distance is single precision; the plane's own is not.
+    met = np.flatnonzero(hits.triangle >= 0)
+    plane = PlaneHits.of(scene.corners[hits.triangle[met]], origin[met], direction[met])
+    certain[met] &= plane.slack_t < 1e-4 * plane.t
+    exact, back = hits.distance.astype(np.float64), np.zeros(len(origin), np.bool_)
+    exact[met] = plane.t
+    back[met] = np.einsum("rc,rc->r", plane.geometric, direction[met]) > 0
+    triangle, distance = hits.triangle.reshape(shape), exact.reshape(shape)
+    certain, back = certain.reshape(shape), back.reshape(shape)
     yield at_least(float(certain.mean()), 0.9)
-    c = scene.corners[triangle].astype(np.float64)
-    normal = np.cross(c[..., 1, :] - c[..., 0, :], c[..., 2, :] - c[..., 0, :])
-    back = np.einsum("prc,rc->pr", normal, s.directions) > 0
     signed = np.where(triangle < 0, FAR, np.where(back, -distance, distance))
     which = certain[:, :fixed]
     found = technique.device.read(technique.probes.fixed_distance)
@@ -91,8 +96,8 @@ def _trace(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]
     which = certain[:, fixed:] & (s.state & 1).astype(bool)[:, None]
     ids = np.ascontiguousarray(hit[..., 3]).view(np.int32)
     yield off(ids[which], triangle[:, fixed:][which])
-    met = which & (triangle[:, fixed:] >= 0)
-    yield off(hit[..., 0][met], distance[:, fixed:][met], relative=3e-4)
+    struck = which & (triangle[:, fixed:] >= 0)
+    yield off(hit[..., 0][struck], distance[:, fixed:][struck], relative=3e-4)
 
 
 def _shade(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> Iterator[float]:

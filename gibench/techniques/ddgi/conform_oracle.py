@@ -13,7 +13,11 @@ import numpy.typing as npt
 
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.settings import DdgiSettings
-from gibench.techniques.parts.conformance.shading import bilinear, direct_irradiance, quantised
+from gibench.techniques.parts.conformance.shading import (
+    bilinear,
+    direct_irradiance,
+    surface,
+)
 
 Array = npt.NDArray[Any]
 
@@ -223,44 +227,6 @@ def bias_of(s: State, normal: Array, towards_viewer: Array) -> Array:
     """How far gathering points are moved off a surface (n, 3)."""
     off = s.settings.normal_bias * normal + s.settings.view_bias * towards_viewer
     return np.asarray(off * min(s.spacing))
-
-
-@dataclass
-class Found:
-    """Attributes of the surface at hits."""
-
-    position: Array
-    normal: Array
-    geometric: Array
-    albedo: Array
-    emission: Array
-    certain: Array
-
-
-def surface(scene: Scene, triangle: Array, u: Array, v: Array) -> Found:
-    """Interpolated attributes at hits."""
-    weights = np.stack([1 - u - v, u, v], axis=1)
-    corner = scene.triangles[triangle]
-
-    def mixed(attribute: Array) -> Array:
-        return np.asarray(np.einsum("nk,nkd->nd", weights, attribute.astype(np.float64)[corner]))
-
-    c = scene.corners[triangle].astype(np.float64)
-    geometric = np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0])
-    geometric /= np.linalg.norm(geometric, axis=1, keepdims=True)
-    normal, uv = mixed(scene.normals), mixed(scene.uvs)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    albedo, emission = np.empty((len(u), 3)), np.empty((len(u), 3))
-    for i, material in enumerate(scene.materials):
-        mine = scene.material_ids[triangle] == i
-        albedo[mine], emission[mine] = material.base_color, material.emission
-        if material.texture >= 0:
-            image = quantised(scene.textures[material.texture].pixels)
-            x = uv[mine, 0] * image.shape[1] - 0.5
-            y = (1 - uv[mine, 1]) * image.shape[0] - 0.5
-            albedo[mine] *= bilinear(image, x, y, wrap=True)
-    found = np.ones(len(u), bool)
-    return Found(mixed(scene.positions), normal, geometric, albedo, emission, found)
 
 
 def shade(
