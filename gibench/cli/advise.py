@@ -46,6 +46,7 @@ def advise(
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    shard: options.Shard = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -92,12 +93,16 @@ def advise(
         resolution=resolution,
         camera=camera,
         project=project,
+        shard=shard,
         out=out,
         seed=seed,
         device=device,
         cache_dir=cache_dir,
     )
-    if not quiet:
+    if shard is not None:
+        if not quiet:
+            typer.echo(f"{len(result.table)} rows of shard {shard}; see {result.folder}")
+    elif not quiet:
         from gibench.measure.machine.environment import cpu_name
         from gibench.report.advice import show_advice
 

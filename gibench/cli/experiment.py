@@ -60,6 +60,7 @@ def experiment(
             "--resolution", metavar="WxH", help="Camera image; by default the experiment's own."
         ),
     ] = None,
+    shard: options.Shard = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -115,6 +116,7 @@ def experiment(
         warmup_frames=warmup_frames,
         warmup_seconds=warmup_seconds,
         resolution=resolution,
+        shard=shard,
         out=out,
         seed=seed,
         device=device,

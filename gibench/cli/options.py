@@ -282,6 +282,16 @@ WarmupSecondsOrAuto = Annotated[
         rich_help_panel=OUTPUT,
     ),
 ]
+Shard = Annotated[
+    str | None,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        help="Measure the I-th of N shares only, for instance one of a Slurm array; "
+        "'gibench merge' joins them.",
+        rich_help_panel=OUTPUT,
+    ),
+]
 Quiet = Annotated[
     bool,
     typer.Option(

@@ -106,6 +106,7 @@ def run(
             "--gi-budget-ms", metavar="MS", help="What of it global illumination may take."
         ),
     ] = 3.0,
+    shard: options.Shard = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -172,6 +173,7 @@ def run(
         quality=quality,
         budget_ms=budget_ms,
         gi_budget_ms=gi_budget_ms,
+        shard=shard,
         out=out,
         seed=seed,
         device=device,

@@ -15,6 +15,7 @@ from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import check_settings_names
+from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
 from gibench.measure.session.shared import Shared
@@ -33,6 +34,9 @@ from gibench.techniques.job import Job
 from gibench.techniques.registry import techniques
 from gibench.trace.extra import require_extra
 from gibench.work import Executor
+
+SETTINGS = "settings.csv"
+"""Every setting that was tried, as it came."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,7 @@ def advise(
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
     project: str | None = None,
+    shard: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
     device: int | None = None,
@@ -103,8 +108,8 @@ def advise(
     cl_device = select_cl_device(device)
     site = Site(asked.cache_folder(cache_dir), seed, device, executor)
     shared = site.standing(light_frame)
-    own = shared.scene(scene).receivers
-    shares = tuple(max(1, round(own * share)) for share in RECEIVER_SHARES)
+    all_receivers = shared.scene(scene).receivers
+    shares = tuple(max(1, round(all_receivers * share)) for share in RECEIVER_SHARES)
     jobs = sweep(
         profile,
         specs,
@@ -125,10 +130,16 @@ def advise(
         flip=False,  # none of its tables shows it
     )
     check_views(jobs, how, site)
+    part, own = Shard.parse(shard), range(len(jobs))
+    if part is not None:
+        own = part.positions(len(jobs))
+        numbers = [[str(position + 1)] for position in own]
+        tables = {SETTINGS: ["number"]}
+        arguments["shard"] = part.record(labels_of(jobs), own=numbers, tables=tables)
     folder = asked.folder_for(out, "advice", [profile.name], arguments)
     folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
-    kept = Rows.at(folder.path / "settings.csv", ("number",), columns(axes))
+    kept = Rows.at(folder.path / SETTINGS, ("number",), columns(axes))
     outcome = compare(
         jobs,
         how,
@@ -136,13 +147,21 @@ def advise(
         axes=axes,
         executor=executor,
         keep=lambda number, rows: kept.add([{"number": number, **row} for row in rows]),
-        done={number for number in range(1, len(jobs) + 1) if kept.done({"number": number})},
+        done={
+            number
+            for number in range(1, len(jobs) + 1)
+            if number - 1 not in own or kept.done({"number": number})
+        },
     )
     tried = kept.table().fillna({"reason": ""})
     rows = tried.drop(columns="number")
     if rows.empty:
         raise Interrupted("interrupted before anything was measured")
     table = advice(rows, budget_ms)
+    error: GibenchError | None
+    if part is not None:  # which is best is known when all are there
+        error = _interrupted(len(table), len(own), folder.path) if outcome.interrupted else None
+        return AdviceResult(folder.path, table, profile.name, error)
     warnings = shared.scene(scene).warnings
     folder.write_text("advice.csv", csv_text(table))
     text = advice_report(table, profile.name, budget_ms, cpu_name(), warnings)
@@ -154,13 +173,17 @@ def advise(
     folder.write_text("advice.md", text)
     if (table["status"] == "ok").any():
         plot_advice(folder.path / "pareto", table, budget_ms, cpu_name())
-    error: GibenchError | None = misfit(table, budget_ms)
+    error = misfit(table, budget_ms)
     if outcome.interrupted:
-        error = Interrupted(
-            f"interrupted; {len(table)} of {len(jobs)} settings were tried, see {folder.path}; the "
-            f"same command with --out {folder.path} goes on from there"
-        )
+        error = _interrupted(len(table), len(jobs), folder.path)
     return AdviceResult(folder.path, table, profile.name, error, projected)
+
+
+def _interrupted(tried: int, of: int, path: Path) -> Interrupted:
+    return Interrupted(
+        f"interrupted; {tried} of {of} settings were tried, see {path}; the same command with "
+        f"--out {path} goes on from there"
+    )
 
 
 def _projected_on(name: str | None) -> DeviceProfile | None:

@@ -10,12 +10,13 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.device import select_cl_device
+from gibench.measure.plan.shard import Shard
 from gibench.measure.plan.stopping import Patience
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
-from gibench.study.experiments.common import Context, run_experiment
+from gibench.study.experiments.common import Context, run_experiment, shard_record
 from gibench.study.quality import check_target_error
 from gibench.study.site import Site
 from gibench.work import Executor
@@ -45,6 +46,7 @@ def experiment(
     warmup_frames: int = 1000,
     warmup_seconds: float = 180.0,
     resolution: str | None = None,
+    shard: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
     device: int | None = None,
@@ -82,9 +84,6 @@ def experiment(
         "resolution": resolution,
         "seed": seed,
     }
-    own = Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
-    folder = RunFolder.create(Path(out) if out else own, arguments)
-    folder.write_record(study_record(arguments, cl_device))
     context = Context(
         profiles=tuple(profiles),
         site=Site(cache, seed, device, executor),
@@ -96,4 +95,11 @@ def experiment(
         target_error=target_error,
         reference_paths=reference_paths,
     )
-    return ExperimentResult(folder.path, run_experiment(chosen, context, folder, executor))
+    part = Shard.parse(shard)
+    if part is not None:
+        arguments["shard"] = shard_record(chosen, context, part)
+    own = Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
+    folder = RunFolder.create(Path(out) if out else own, arguments)
+    folder.write_record(study_record(arguments, cl_device))
+    table = run_experiment(chosen, context, folder, executor, part)
+    return ExperimentResult(folder.path, table)

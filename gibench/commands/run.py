@@ -15,9 +15,11 @@ from gibench.commands.run_files import tables_of, write_tables
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted, printable
 from gibench.measure.plan.grid import job_label
+from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.plan.stopping import Patience, Plan
 from gibench.measure.run import Measured, verdict
 from gibench.measure.run import run as measure
+from gibench.measure.runfolder.axes import axes_of
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.results import OK, JobResult
 from gibench.measure.session.session import check_job
@@ -101,6 +103,7 @@ def run(
     quality: bool = True,
     budget_ms: float = REAL_TIME_MS,
     gi_budget_ms: float = GI_BUDGET_MS,
+    shard: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
     device: int | None = None,
@@ -135,6 +138,10 @@ def run(
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
     jobs, left_out = _suited(jobs, shared, all_techniques=technique is None)
     arguments["technique"] = list(dict.fromkeys(job.technique for job in jobs))
+    axes, part, first = axes_of(jobs), Shard.parse(shard), 1
+    if part is not None:
+        arguments["shard"] = part.record(labels_of(jobs))
+        first, jobs = arguments["shard"]["first"], part.share(jobs)
     seconds = _seconds_to_rest(warmup_seconds, named=technique is not None)
     patience = Patience(warmup_frames, seconds)
     flown = jobs[0].shot.flight.frames
@@ -150,6 +157,8 @@ def run(
         arguments=arguments,
         fit=fit,
         cold=cold,
+        axes=axes,
+        first=first,
         take_images=_ImageTaker(ImageWriter(folder.path / "images")) if save_images else None,
         write=write_tables,
     )

@@ -110,7 +110,7 @@ def _of_run(run: StoredRun) -> Entry:
         "run": name,
         "started_utc": record.get("started_utc"),
         "kind": "run",
-        **_machine(environment),
+        **machine_of(environment),
         "runtime": f"{device.get('platform')} {device.get('driver')} on {device.get('name')}",
         "revision": git.get("revision") or f"gibench {versions.get('gibench', 'unknown')}",
         "dirty": bool(git.get("dirty")),
@@ -139,7 +139,7 @@ def _environment(environment: Mapping[str, Any], versions: Mapping[str, Any]) ->
     return json.dumps(facts | {"versions": of}, sort_keys=True)
 
 
-def _machine(environment: Mapping[str, Any]) -> dict[str, str]:
+def machine_of(environment: Mapping[str, Any]) -> dict[str, str]:
     """What makes two runs runs of one machine; its memory to the nearest GiB."""
     threads = environment.get("usable_threads") or environment.get("threads")
     facts = {
@@ -221,7 +221,7 @@ def _of_ab(file: Path, content: Mapping[str, Any]) -> Entry:
         "run": name,
         "started_utc": measured["started_utc"],
         "kind": "ab",
-        **_machine(environment),
+        **machine_of(environment),
         "runtime": measured["device"],
         "revision": git.get("revision") or f"kernels {content['new']['kernels'][:12]}",
         "dirty": bool(git.get("dirty")),

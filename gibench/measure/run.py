@@ -48,6 +48,8 @@ def run(
     fit: bool = False,
     cold: bool = False,
     take_images: TakeImages | None = None,
+    axes: Sequence[Axis] | None = None,
+    first: int = 1,
     write: Write | None = None,
 ) -> Measured:
     """Measure ``jobs``, all of one shot and seed, into ``folder``.
@@ -64,17 +66,19 @@ def run(
         fit: lower the receivers until a job fits its profile.
         cold: empty the caches before every frame.
         take_images: is given every finished job's images.
+        axes: settings with a column of their own; by default those of ``jobs``.
+        first: number of the first configuration.
         write: writes the tables, given the whole record.
 
     Raises:
         BadInput: a scene, its camera or settings for it are wrong.
         GibenchError: not even the head of the samples can be written.
     """
-    axes, profile = axes_of(jobs), jobs[0].profile
+    columns, profile = tuple(axes or axes_of(jobs)), jobs[0].profile
     flush = CacheFlush(profile, cl_device) if cold else None
     roofs = machine_roofs.measure_roofs(profile, cl_device)
     facts = flush.facts if flush else None
-    record = begin_record(arguments, jobs, plan, axes, cl_device, roofs, facts)
+    record = begin_record(arguments, jobs, plan, columns, cl_device, roofs, facts)
     folder.write_record(record)
     outcome = run_jobs(
         jobs,
@@ -82,7 +86,8 @@ def run(
         shared,
         cl_device,
         folder,
-        axes=axes,
+        axes=columns,
+        first=first,
         fit=fit,
         take_images=take_images,
         flush=flush,
@@ -95,7 +100,7 @@ def run(
                     after = machine_roofs.measure_roofs(profile, cl_device)
         except KeyboardInterrupt:
             outcome.interrupted = True
-        record = finish_record(record, outcome, axes, shared, after)
+        record = finish_record(record, outcome, columns, shared, after)
         try:
             folder.write_record(record)
             if write is not None:
@@ -103,7 +108,7 @@ def run(
         except GibenchError as error:
             outcome.write_error = outcome.write_error or error
         outcome.interrupted |= interrupts.came()
-    return Measured(record, axes, outcome)
+    return Measured(record, columns, outcome)
 
 
 def verdict(outcome: RunOutcome, folder: Path) -> GibenchError | None:

@@ -90,7 +90,12 @@ class Rows:
         return pd.read_csv(self.path, dtype={"reason": str}, keep_default_na=True)
 
     def _key(self, row: Mapping[str, Any]) -> tuple[str, ...]:
-        return tuple(_text(row.get(name)) for name in self.keys)
+        return row_key(row, self.keys)
+
+
+def row_key(row: Mapping[str, Any], keys: Sequence[str]) -> tuple[str, ...]:
+    """What names a row, as the file has it."""
+    return tuple(_text(row.get(name)) for name in keys)
 
 
 def _text(value: Any) -> str:

@@ -73,7 +73,19 @@ def read_run(path: Path) -> StoredRun:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """The content of ``run.json`` in the folder ``path``.
+    """The content of ``run.json`` of the run in the folder ``path``.
+
+    Raises:
+        BadInput: there is none, it is damaged, or is of another gibench.
+    """
+    record = read_any_record(path)
+    if missing := [name for name in _NEEDED if name not in record]:
+        raise BadInput(f"it is damaged: '{missing[0]}' is missing", where=path / RECORD)
+    return record
+
+
+def read_any_record(path: Path) -> dict[str, Any]:
+    """The content of ``run.json`` in the folder ``path``, of a run or a study.
 
     Raises:
         BadInput: there is none, it is damaged, or is of another gibench.
@@ -102,8 +114,6 @@ def read_record(path: Path) -> dict[str, Any]:
             where=file,
             mend="measure it again, or read it with the gibench that made it",
         )
-    if missing := [name for name in _NEEDED if name not in record]:
-        raise BadInput(f"it is damaged: '{missing[0]}' is missing", where=file)
     found: dict[str, Any] = record
     return found
 

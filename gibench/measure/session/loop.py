@@ -124,6 +124,7 @@ def run_jobs(
     fit: bool = False,
     take_images: TakeImages | None = None,
     flush: CacheFlush | None = None,
+    first: int = 1,
 ) -> RunOutcome:
     """Run every job; samples go to ``folder`` as they come.
 
@@ -142,6 +143,7 @@ def run_jobs(
         fit: lower the receivers until a job fits its profile.
         take_images: is given every finished configuration's images.
         flush: is called before every frame, where caches are to be cold.
+        first: number of the first configuration.
 
     Raises:
         BadInput: a scene, its camera or settings for it are wrong; raised before any long work.
@@ -167,7 +169,7 @@ def run_jobs(
         )
         alive: list[Live] = []
         group = 1
-        for number, job in enumerate(jobs, 1):
+        for number, job in enumerate(jobs, first):
             result = JobResult(number, job, names[job.scene], group=group)
             outcome.results.append(result)
             outcome.interrupted |= interrupts.came()

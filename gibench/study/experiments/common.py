@@ -12,6 +12,7 @@ from gibench.arrays import Doubles
 from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import grid
+from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.plan.stopping import Patience
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.runfolder.results import OK
@@ -22,6 +23,7 @@ from gibench.profiles import DeviceProfile
 from gibench.progress import progress
 from gibench.study.experiments.kept import STATUS, Found, Kept, Summarize
 from gibench.study.quality_rows import QualityOptions
+from gibench.study.rows import row_key
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
 from gibench.techniques.job import Job, Shot
@@ -201,6 +203,7 @@ def run_experiment(
     context: Context,
     folder: RunFolder,
     executor: Executor | None = None,
+    shard: Shard | None = None,
 ) -> pd.DataFrame:
     """Measure what is not in the folder yet, then write report, plots and pictures.
 
@@ -210,6 +213,7 @@ def run_experiment(
         folder: where everything is written, by this process alone.
         executor: measures the points, one after another by default; frames, which are timed, run
             one point at a time whatever it is.
+        shard: whose points alone are measured, and what these need; None for all.
 
     Raises:
         Interrupted: by Ctrl-C; what was measured is kept and reported.
@@ -221,7 +225,7 @@ def run_experiment(
         folder.path, experiment.name, experiment.keys, columns, experiment.samples,
         experiment.summarize,
     )  # fmt: skip
-    points = [point for point in experiment.points(context) if not kept.done(point.key)]
+    points = [point for point in _share(experiment, context, shard) if not kept.done(point.key)]
     interrupted, first = False, None
     one_by_one = Serial(says_unit=False)
     try:
@@ -256,6 +260,38 @@ def run_experiment(
     if first is not None and not (table["status"] == OK).any():
         raise first
     return table
+
+
+def _share(experiment: Experiment, context: Context, shard: Shard | None) -> list[Point]:
+    """The points of a shard; where one of them needs arrays of others, these are measured, too."""
+    points = list(experiment.points(context))
+    if shard is None:
+        return points
+    own = shard.positions(len(points))
+    needy = any(points[position].needs for position in own)
+    return [
+        point
+        for position, point in enumerate(points)
+        if position in own or (needy and not point.needs)
+    ]
+
+
+def shard_record(experiment: Experiment, context: Context, shard: Shard) -> dict[str, Any]:
+    """What the record says of a shard of ``experiment``.
+
+    Raises:
+        BadInput: nothing is left for some shard.
+    """
+    points = list(experiment.points(context))
+    keys = [row_key(point.key, experiment.keys) for point in points]
+    files = [f"{experiment.name}.csv"]
+    files += [f"{experiment.name}-samples.csv"] if experiment.samples else []
+    jobs = labels_of([point.job for point in points])
+    return shard.record(
+        [f"{key} {job}" for key, job in zip(keys, jobs, strict=True)],
+        own=[list(key) for key in shard.share(keys)],
+        tables={file: list(experiment.keys) for file in files},
+    )
 
 
 def _measured(
