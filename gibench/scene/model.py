@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats, Ints, Vec3
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.gloss import GlossMaps
 from gibench.scene.glow import Glow
 from gibench.scene.normal_maps import NormalMaps
 from gibench.scene.poses import Motion
@@ -57,8 +58,9 @@ class Material:
         opacity_map: name of that image, or "".
         transmission: share of the light that passes a thin surface (glass), 0 to 1.
         two_sided: the back reflects as the front does.
-        roughness: perceptual, 0 to 1 (glTF 2.0, appendix B.2.3; MTL's Pr).
-        metalness: 0 to 1 (glTF's metallic; MTL's Pm).
+        roughness: perceptual, 0 to 1 (glTF 2.0, appendix B.2.3; MTL's Pr), times the image's where
+            there is one (``Scene.gloss_maps``).
+        metalness: 0 to 1 (glTF's metallic; MTL's Pm), times the image's.
         roughness_map: name of the image of roughness and metalness, or "".
         normal_map: name of the image of tangent space normals, or "".
         unlit: shown in its colour whatever the light (KHR_materials_unlit).
@@ -323,6 +325,7 @@ class Scene:
         dimmer: of its lights, or None; what glows and the environment stay as they are.
         glow: its triangles that emit by an image, or None.
         normal_maps: its triangles that have one, or None; no result depends on them unless asked.
+        gloss_maps: its triangles with an image of roughness and metalness, or None; likewise.
     """
 
     name: str
@@ -349,6 +352,7 @@ class Scene:
     dimmer: Dimmer | None = field(default=None, repr=False)
     glow: Glow | None = field(default=None, repr=False)
     normal_maps: NormalMaps | None = field(default=None, repr=False)
+    gloss_maps: GlossMaps | None = field(default=None, repr=False)
 
     @property
     def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

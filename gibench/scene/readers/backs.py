@@ -71,6 +71,8 @@ def with_backs(
         bump_uvs=_and_turned(mesh.bump_uvs, mine),
         # Out on the front is in on the back: the bent normal is turned round as a whole.
         bump_tangents=_and_turned(mesh.bump_tangents, mine, -1.0),
+        gloss=_and(mesh.gloss, mine),
+        gloss_uvs=_and_turned(mesh.gloss_uvs, mine),
         lightmap_uvs=None,
         warnings=(*mesh.warnings, *notes),
     )

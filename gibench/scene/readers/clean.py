@@ -36,6 +36,8 @@ class CleanMesh:
         bump: (t,) int32 normal map of each triangle, -1 for none; None where none has one.
         bump_uvs: (t, 3, 2) float64 coordinates of its corners in it, or None.
         bump_tangents: (t, 3, 4) float64 its corners' unit tangents and bitangents' signs, or None.
+        gloss: (t,) int32 image of roughness and metalness, -1 for none; None where none has one.
+        gloss_uvs: (t, 3, 2) float64 coordinates of its corners in it, or None.
     """
 
     positions: Floats
@@ -53,6 +55,8 @@ class CleanMesh:
     bump: Ints | None = None
     bump_uvs: Doubles | None = None
     bump_tangents: Doubles | None = None
+    gloss: Ints | None = None
+    gloss_uvs: Doubles | None = None
 
 
 def clean(content: Content, where: object) -> CleanMesh:
@@ -102,6 +106,8 @@ def clean(content: Content, where: object) -> CleanMesh:
         bump=mesh.bump.astype(np.int32) if mesh.bumps else None,
         bump_uvs=mesh.bump_uvs if mesh.bumps else None,
         bump_tangents=_tangents(mesh) if mesh.bumps else None,
+        gloss=mesh.gloss.astype(np.int32) if mesh.glossy else None,
+        gloss_uvs=mesh.gloss_uvs if mesh.glossy else None,
     )
 
 
@@ -124,6 +130,8 @@ class _Mesh:
     bump: npt.NDArray[np.int64]
     bump_uvs: Array  # of corners; (t, 0) where nothing has a normal map
     bump_tangents: Array  # of corners, NaN where the file has none; (t, 0) as well
+    gloss: npt.NDArray[np.int64]
+    gloss_uvs: Array  # of corners; (t, 0) where no image has roughness
 
     @property
     def cut_out(self) -> bool:
@@ -140,6 +148,11 @@ class _Mesh:
         """Whether any triangle has a normal map."""
         return bool((self.bump >= 0).any())
 
+    @property
+    def glossy(self) -> bool:
+        """Whether any triangle has an image of roughness and metalness."""
+        return bool((self.gloss >= 0).any())
+
 
 def _in_range(part: Part, dropped: dict[str, int]) -> Part:
     inside = ((part.triangles >= 0) & (part.triangles < len(part.positions))).all(axis=1)
@@ -151,6 +164,7 @@ def _in_range(part: Part, dropped: dict[str, int]) -> Part:
     cutouts = None if part.cutouts is None else part.cutouts[inside]
     glow = None if part.glow is None else part.glow[inside]
     bump = None if part.bump is None else part.bump[inside]
+    gloss = None if part.gloss is None else part.gloss[inside]
     return replace(
         part,
         triangles=part.triangles[inside],
@@ -158,6 +172,7 @@ def _in_range(part: Part, dropped: dict[str, int]) -> Part:
         cutouts=cutouts,
         glow=glow,
         bump=bump,
+        gloss=gloss,
     )
 
 
@@ -223,6 +238,8 @@ def _join(parts: list[Part]) -> _Mesh:
         bump=images("bump"),
         bump_uvs=at_corners("normal_uvs", "bump"),
         bump_tangents=at_corners("tangents", "bump", width=4),
+        gloss=images("gloss"),
+        gloss_uvs=at_corners("gloss_uvs", "gloss"),
     )
 
 
@@ -232,7 +249,7 @@ def _drop(mesh: _Mesh, bad: npt.NDArray[np.bool_], kind: str, dropped: dict[str,
         return
     for name in (
         "triangles", "material_ids", "object_ids", "had_normals", "cutouts", "glow", "glow_uvs",
-        "bump", "bump_uvs", "bump_tangents",
+        "bump", "bump_uvs", "bump_tangents", "gloss", "gloss_uvs",
     ):  # fmt: skip
         setattr(mesh, name, getattr(mesh, name)[~bad])
 

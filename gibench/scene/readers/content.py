@@ -51,6 +51,9 @@ class Part:
         bump: (t,) int64 normal map of every triangle in ``Content.normal_maps``, looked up at
             ``normal_uvs``, -1 for none; or None.
         normal_uvs: (v, 2) float, of the normal map, v upwards; None for ``uvs``.
+        gloss: (t,) int64 image of every triangle in ``Content.gloss_maps``, looked up at
+            ``gloss_uvs``, -1 for none; or None.
+        gloss_uvs: (v, 2) float, of roughness and metalness, v upwards; None for ``uvs``.
         tangents: (v, 4) float, as glTF has them: tangent and the bitangent's sign; or None.
         mirrored: whether a mirroring transform has turned its winding.
     """
@@ -70,6 +73,8 @@ class Part:
     glow: Array | None = None
     bump: Array | None = None
     normal_uvs: Array | None = None
+    gloss: Array | None = None
+    gloss_uvs: Array | None = None
     tangents: Array | None = None
     mirrored: bool = False
 
@@ -83,12 +88,14 @@ class Maps:
         opacity: the material's opacity is to be multiplied with it; three equal channels.
         normal: unit vectors in tangent space.
         normal_scale: that their x and y are to be multiplied with.
+        gloss: (0, roughness, metalness), the channels that glTF has them in.
     """
 
     emission: Texture | None = None
     opacity: Texture | None = None
     normal: Texture | None = None
     normal_scale: float = 1.0
+    gloss: Texture | None = None
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,7 @@ class Content:
         cutouts: (h, w) bool images of where there is surface, made at load.
         glows: (h, w, 3) float32 images of emitted radiance, W/m2/sr, made at load.
         normal_maps: (h, w, 3) float32 images of unit vectors and their scale, made at load.
+        gloss_maps: (h, w, 2) float32 images of roughness and metalness, made at load.
     """
 
     parts: tuple[Part, ...]
@@ -120,6 +128,7 @@ class Content:
     cutouts: tuple[npt.NDArray[np.bool_], ...] = ()
     glows: tuple[Floats, ...] = ()
     normal_maps: tuple[tuple[Floats, float], ...] = ()
+    gloss_maps: tuple[Floats, ...] = ()
 
     def map_of(self, material: int) -> Maps:
         """The images of a material."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.gloss import GlossMaps
 from gibench.scene.glow import Glow, in_first_period
 from gibench.scene.model import MOST_UNFOLDED, DirectionalLight, Environment, Material, Scene
 from gibench.scene.normal_maps import NormalMaps
@@ -113,6 +114,19 @@ def _normal_maps_of(mesh: CleanMesh, content: Content) -> NormalMaps | None:
     )
 
 
+def _gloss_maps_of(mesh: CleanMesh, content: Content) -> GlossMaps | None:
+    if mesh.gloss is None or mesh.gloss_uvs is None:
+        return None
+    triangle = np.flatnonzero(mesh.gloss >= 0).astype(np.int32)
+    used, image = np.unique(mesh.gloss[triangle], return_inverse=True)
+    return GlossMaps(
+        images=tuple(content.gloss_maps[number] for number in used),
+        triangle=triangle,
+        image=image.reshape(-1).astype(np.int32),
+        uvs=in_first_period(mesh.gloss_uvs[triangle]),
+    )
+
+
 def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
     """A scene with the file's lights and cameras, and defaults for what the file lacks.
 
@@ -139,6 +153,7 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
         cutouts=_cutouts_of(mesh, content),
         glow=_glow_of(mesh, content),
         normal_maps=_normal_maps_of(mesh, content),
+        gloss_maps=_gloss_maps_of(mesh, content),
     )
     scene = replace(scene, probes=replace(scene.probes, count=probes, automatic=True))
     if not scene.lights and not glows(scene.materials, scene.material_ids):

@@ -294,6 +294,7 @@ class _Reader:
             lightmap_uvs=self._attribute(attributes, "TEXCOORD_1", (2,), count),
             emission_uvs=uvs["emission"],
             normal_uvs=uvs["normal"],
+            gloss_uvs=uvs["gloss"],
             tangents=self._attribute(attributes, "TANGENT", (4,), count),
             opacity_uvs=uvs["color"],
             colors=self._colors(attributes, count),

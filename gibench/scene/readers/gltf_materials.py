@@ -2,13 +2,14 @@
 
 Base colour is the albedo whatever the metalness: all surfaces are diffuse. The diffuse colour of
 KHR_materials_pbrSpecularGlossiness is the albedo in its place, as it was for the file's author.
+Roughness and metalness are kept for what reads them (``gltf_gloss.py``).
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,16 @@ from gibench.scene.readers.content import Array, Maps, vec3
 from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.gltf_buffers import Buffers
 from gibench.scene.readers.gltf_formulas import uv_matrix
+from gibench.scene.readers.gltf_gloss import Gloss, converted, gloss_of
 from gibench.scene.readers.textures import (
     alpha_from_bytes,
+    gloss_from_bytes,
     normals_from_bytes,
     radiance_from_bytes,
     texture_from_bytes,
 )
 
-SLOTS = ("color", "emission", "normal")
+SLOTS = ("color", "emission", "normal", "gloss")
 """The uses of textures whose coordinates are read."""
 
 
@@ -96,7 +99,8 @@ class Materials:
         if not isinstance(index, int) or not 0 <= index < len(self._entries):
             raise BadInput(f"there is no material {index}", where=self._path)
         entry = self._entries[index]
-        used = (self._color(entry)[1], entry.emissiveTexture, entry.normalTexture)
+        gloss = gloss_of(entry, index, self._path).image
+        used = (self._color(entry)[1], entry.emissiveTexture, entry.normalTexture, gloss)
         slots = {name: _slot(info) for name, info in zip(SLOTS, used, strict=True)}
         return Uses(index, slots)
 
@@ -120,9 +124,7 @@ class Materials:
         if mode != "OPAQUE" and info is not None:
             alpha = self._decoded(_index(info), alpha_from_bytes)
         transmission = extensions.get("KHR_materials_transmission", {})
-        pbr = entry.pbrMetallicRoughness
-        gloss = extensions.get("KHR_materials_pbrSpecularGlossiness")
-        rough = None if pbr is None else pbr.metallicRoughnessTexture
+        gloss = gloss_of(entry, index, self._path)
         material = Material(
             name=str(entry.name or f"material {index}"),
             base_color=vec3(np.clip(np.nan_to_num(factor[:3], nan=1.0), 0.0, 1.0)),
@@ -135,16 +137,33 @@ class Materials:
             opacity_map="" if mode == "OPAQUE" or info is None else self._name(_index(info)),
             transmission=float(transmission.get("transmissionFactor", 0.0)),
             two_sided=bool(entry.doubleSided),
-            roughness=_roughness(pbr, gloss),
-            metalness=0.0 if pbr is None or gloss else float(_or(pbr.metallicFactor, 1.0)),
-            roughness_map="" if rough is None else self._name(_index(rough)),
+            roughness=gloss.roughness,
+            metalness=gloss.metalness,
+            roughness_map="" if gloss.image is None else self._name(_index(gloss.image)),
             normal_map=(
                 "" if entry.normalTexture is None else self._name(_index(entry.normalTexture))
             ),
             unlit="KHR_materials_unlit" in extensions,
         )
-        maps = Maps(emission=glow, opacity=alpha, **self._normal_map(entry))
+        image = self._gloss_map(entry, gloss)
+        if gloss.converted and image is not None:  # with all that the factors say
+            material = replace(material, roughness=1.0, metalness=1.0)
+        maps = Maps(emission=glow, opacity=alpha, gloss=image, **self._normal_map(entry))
         return material, maps
+
+    def _gloss_map(self, entry: Any, gloss: Gloss) -> Texture | None:
+        """The image of roughness and metalness, one of specular colour and gloss converted."""
+        if gloss.image is None:
+            return None
+        if not gloss.converted:
+            return self._decoded(_index(gloss.image), gloss_from_bytes)
+        specular = self._decoded(_index(gloss.image), texture_from_bytes)
+        if specular is None:
+            return None
+        alpha = self._decoded(_index(gloss.image), alpha_from_bytes)
+        factor, info = self._color(entry)
+        diffuse = None if info is None else self._decoded(_index(info), texture_from_bytes)
+        return converted(gloss, specular, alpha, factor[:3], diffuse)
 
     def _normal_map(self, entry: Any) -> dict[str, Any]:
         """The normal map and its scale, as ``Maps`` has them."""
@@ -249,9 +268,3 @@ def _slot(info: Any) -> Slot:
 
 def _or(value: Any, default: float) -> Any:
     return default if value is None else value
-
-
-def _roughness(pbr: Any, gloss: Any) -> float:
-    if gloss is not None:
-        return 1.0 - float(gloss.get("glossinessFactor", 1.0))
-    return 1.0 if pbr is None else float(_or(pbr.roughnessFactor, 1.0))

@@ -18,12 +18,15 @@ from gibench.scene.files import find_near, read_bytes
 from gibench.scene.model import BLACK, Material, Texture
 from gibench.scene.readers.content import Array, Maps, counted, vec3
 from gibench.scene.readers.float_images import UnreadableImage
+from gibench.scene.readers.mtl_maps import MapStatement, Transform, map_statement, numbers_of
 from gibench.scene.readers.text import argument, read_text, statements, without_comment
 from gibench.scene.readers.textures import (
     bumps_from_bytes,
+    grey_from_bytes,
     normals_from_bytes,
     opacity_from_bytes,
     radiance_from_bytes,
+    resampled,
     texture_from_bytes,
 )
 
@@ -32,39 +35,15 @@ from gibench.scene.readers.textures import (
 DEFAULT_COLOR: Vec3 = Material("default").base_color
 WHITE: Vec3 = (1.0, 1.0, 1.0)
 
-# Options of texture maps and how many arguments each takes at most (MTL specification); -o, -s and
-# -t take one to three numbers.
-_MAP_OPTIONS = {
-    "-blendu": 1, "-blendv": 1, "-boost": 1, "-bm": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1,
-    "-mm": 2, "-o": 3, "-s": 3, "-t": 3, "-texres": 1, "-type": 1,
-}  # fmt: skip
-# Options that change nothing here: of filtering, of images' resolution, of colour correction.
-_HARMLESS = ("-blendu", "-blendv", "-boost", "-cc", "-texres", "-type", "-imfchan")
-
 _NORMAL_MAPS = ("norm", "map_bump", "bump")
 NORMAL_MAP = "normal map"
 """The keyword that coordinates of normal maps are asked for by, whichever statement named one."""
 
+_GLOSS_MAPS = ("map_pr", "map_pm")
+GLOSS_MAP = "gloss map"
+"""Likewise of roughness and metalness, of which one image is made."""
+
 Decoder = Callable[[str, bytes], Texture]
-Transform = tuple[tuple[float, float], tuple[float, float]]
-"""Scale and offset of texture coordinates: u' = u * scale + offset."""
-
-
-@dataclass(frozen=True)
-class MapStatement:
-    """A ``map_`` statement.
-
-    Attributes:
-        file: the name as written, without quotes.
-        transform: of its texture coordinates.
-        ignored: options that would change the picture and are not used.
-        strength: of a bump map (-bm).
-    """
-
-    file: str
-    transform: Transform = ((1.0, 1.0), (0.0, 0.0))
-    ignored: tuple[str, ...] = ()
-    strength: float = 1.0
 
 
 @dataclass
@@ -220,6 +199,7 @@ class _Reader:
             emission = WHITE
         opacity = self._opacity(entries)
         bumps = self._normal_map(entries, number)
+        gloss, maps = self._gloss(entries, name), self._gloss_map(entries, number)
         material = Material(
             name=name or "default",
             base_color=vec3(np.clip(color, 0.0, 1.0)),
@@ -229,12 +209,59 @@ class _Reader:
             alpha_mode="mask" if cut_out else "blend" if opacity < 1 else "opaque",
             opacity=opacity,
             opacity_map="" if opacity_map is None else opacity_map.name,
-            roughness=self._number(entries, "pr", 1.0),
-            metalness=self._number(entries, "pm", 0.0),
-            roughness_map=self._name(entries, "map_pr", "map_pm"),
+            roughness=gloss[0],
+            metalness=gloss[1],
+            roughness_map=self._name(entries, *_GLOSS_MAPS),
             normal_map=self._name(entries, *_NORMAL_MAPS),
         )
-        return material, Maps(emission=emission_map, opacity=opacity_map, normal=bumps)
+        return material, Maps(emission=emission_map, opacity=opacity_map, normal=bumps, gloss=maps)
+
+    def _gloss(self, entries: _Entries, name: str) -> tuple[float, float]:
+        """Roughness and metalness. Without a number, or with 0, an image is all there is, as with
+        Kd.
+
+        Raises:
+            BadInput: a number that is not from 0 to 1.
+        """
+        found = []
+        for keyword, image, default in (("pr", "map_pr", 1.0), ("pm", "map_pm", 0.0)):
+            text = entries.values.get(keyword)
+            for value in numbers_of(text or ""):
+                if not 0 <= value <= 1:
+                    raise BadInput(
+                        f"material '{name}' has {keyword.capitalize()} {value:g}",
+                        where=self.folder,
+                        mend="it goes from 0 to 1",
+                    )
+            value = self._number(entries, keyword, default)
+            found.append(value or (1.0 if entries.values.get(image) else 0.0))
+        return found[0], found[1]
+
+    def _gloss_map(self, entries: _Entries, number: int) -> Texture | None:
+        """map_Pr and map_Pm as one image, at the larger's size; of two places in the image, that of
+        map_Pr is taken.
+        """
+        images: list[Texture | None] = []
+        transforms = []
+        for keyword in _GLOSS_MAPS:
+            image = self._image(entries, number, keyword)
+            transforms.append(self.transforms.pop((number, keyword), None))
+            images.append(None if image is None else self._decoded(*image, grey_from_bytes))
+        given = [image for image in images if image is not None]
+        if not given:
+            return None
+        if None not in images and transforms[0] != transforms[1]:
+            self.options.append("-s, -o of map_Pm beside map_Pr")
+        chosen = transforms[0] if images[0] is not None else transforms[1]
+        if chosen is not None:
+            self.transforms[number, GLOSS_MAP] = chosen
+        height, width = (max(image.pixels.shape[axis] for image in given) for axis in (0, 1))
+        pixels = np.ones((height, width, 3), np.float32)
+        pixels[:, :, 0] = 0.0
+        for channel, layer in enumerate(images, 1):
+            if layer is not None:
+                pixels[:, :, channel] = resampled(layer.pixels[:, :, :1], height, width)[:, :, 0]
+        return Texture(given[0].name, pixels)
 
     def _normal_map(self, entries: _Entries, number: int) -> Texture | None:
         """``norm``, else ``map_bump`` or ``bump``; its coordinates are those of NORMAL_MAP."""
@@ -295,7 +322,7 @@ class _Reader:
         text = entries.values.get(keyword)
         if text is None:
             return default
-        numbers = _numbers(text)
+        numbers = numbers_of(text)
         if len(numbers) == 1:
             numbers *= 3
         if len(numbers) < 3 or not np.isfinite(numbers).all() or min(numbers) < 0:
@@ -308,7 +335,7 @@ class _Reader:
         text = entries.values.get(keyword)
         if text is None:
             return default
-        numbers = _numbers(text.removeprefix("-halo"))
+        numbers = numbers_of(text.removeprefix("-halo"))
         if not numbers or not 0 <= numbers[-1] <= 1:
             self.senseless.append(f"{keyword} {text}".strip())
             return default
@@ -319,42 +346,6 @@ class _Reader:
         if "d" in entries.values:
             return self._number(entries, "d", 1.0)
         return 1.0 - self._number(entries, "tr", 0.0)
-
-
-def map_statement(text: str) -> MapStatement:
-    """A ``map_`` statement's file, which may hold blanks, and its options."""
-    rest = without_comment(text)
-    scale, offset, strength = [1.0, 1.0], [0.0, 0.0], 1.0
-    ignored = []
-    while (option := rest.partition(" ")[0].lower()) in _MAP_OPTIONS:
-        rest = rest.partition(" ")[2].strip()
-        given: list[str] = []
-        for i in range(_MAP_OPTIONS[option]):
-            word, _, after = rest.partition(" ")
-            if (i > 0 or option in ("-o", "-s", "-t", "-mm")) and not _numbers(word):
-                break
-            given.append(word)
-            rest = after.strip()
-        if option in ("-s", "-o"):
-            for i, number in enumerate(_numbers(" ".join(given))[:2]):
-                (scale if option == "-s" else offset)[i] = number
-        elif option == "-bm":
-            strength = next(iter(_numbers(" ".join(given))), 1.0)
-        elif option not in _HARMLESS and not (option == "-clamp" and given == ["off"]):
-            ignored.append(f"{option} {' '.join(given)}")
-    transform = ((scale[0], scale[1]), (offset[0], offset[1]))
-    if not np.isfinite(transform).all():
-        transform = MapStatement("").transform
-    strength = strength if np.isfinite(strength) else 1.0
-    return MapStatement(rest.strip().strip('"'), transform, tuple(ignored), strength)
-
-
-def _numbers(text: str) -> list[float]:
-    """The numbers that ``text`` is made of; none where a word is no number, but for a comment."""
-    try:
-        return [float(word) for word in without_comment(text).split()]
-    except ValueError:
-        return []
 
 
 def _some(names: list[str]) -> str:

@@ -17,7 +17,7 @@ from trimesh.visual.texture import unmerge_faces
 from gibench.errors import BadInput, printable
 from gibench.progress import progress
 from gibench.scene.readers.content import Array, Content, Part, counted
-from gibench.scene.readers.mtl import NORMAL_MAP, Library, read_libraries
+from gibench.scene.readers.mtl import GLOSS_MAP, NORMAL_MAP, Library, read_libraries
 from gibench.scene.readers.obj_blocks import Corners, Faces, Numbers, blocks
 from gibench.scene.readers.polygons import cut, fan, fans_hold
 from gibench.scene.readers.text import argument, read_text, statements
@@ -401,5 +401,6 @@ def _part(
         emission_uvs=library.uvs_of(number, "map_ke", uvs),
         opacity_uvs=library.uvs_of(number, "map_d", uvs),
         normal_uvs=library.uvs_of(number, NORMAL_MAP, uvs),
+        gloss_uvs=library.uvs_of(number, GLOSS_MAP, uvs),
         colors=None if colors is None else colors[masks["v"]],
     )

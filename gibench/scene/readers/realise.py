@@ -14,6 +14,7 @@ what the file's author saw:
 - *Cut-outs* (glTF's MASK, MTL's map_d): a triangle is there where opacity, times its image's texel,
   is at least the cutoff (``scene/cutouts.py``). Triangles with nothing left are left out.
 - *Normal maps*: kept beside (``scene/normal_maps.py``), for what reads them.
+- *Roughness and metalness*: of the material, times an image kept beside (``scene/gloss.py``).
 - *Unlit*: lit as any other surface.
 """
 
@@ -29,6 +30,8 @@ from gibench.scene.lightmap.albedo import covered_mean, mean_texture
 from gibench.scene.model import Material, Texture
 from gibench.scene.readers.content import Array, Content, Part, counted, of_corners, vec3
 from gibench.scene.readers.cut_out import cut_out
+from gibench.scene.readers.image_layers import bumpy, glossy
+from gibench.scene.readers.material_variants import Variants, material_numbers, numbers_of
 
 # Emissions and tints that differ by less than this share are one material.
 TINT_STEP = 1.0 / 1024
@@ -38,15 +41,16 @@ PIECES = 4
 
 def realised(content: Content) -> Content:
     """The content with only what kernels know: see the module's rules."""
-    table = _Table(content)
+    table = Variants(content)
     notes: list[str] = []
     parts = _without_the_see_through(content, notes)
     parts, cutouts = cut_out(parts, content, notes)
     glows = _Glows()
     parts = [_glowing(part, content, table, glows) for part in parts]
-    parts, normal_maps = _bumpy(parts, content, notes)
+    parts, normal_maps = bumpy(parts, content, notes)
+    parts, gloss_maps = glossy(parts, content, table, notes)
     parts = table.in_place(_coloured(parts, table, notes))
-    used = {number for part in parts for number in _numbers(part)}
+    used = {number for part in parts for number in numbers_of(part)}
     notes += _remarks([table.materials[number] for number in sorted(used)])
     return replace(
         content,
@@ -58,6 +62,7 @@ def realised(content: Content) -> Content:
         cutouts=cutouts,
         glows=tuple(glows.images),
         normal_maps=normal_maps,
+        gloss_maps=gloss_maps,
     )
 
 
@@ -75,46 +80,6 @@ class _Glows:
             self._numbers[key] = len(self.images)
             self.images.append(image.pixels * np.asarray(emission, np.float32))
         return self._numbers[key]
-
-
-class _Table:
-    """The materials and textures, growing."""
-
-    def __init__(self, content: Content) -> None:
-        self.materials = list(content.materials)
-        self.textures = list(content.textures)
-        self._numbers: dict[tuple[int, Material], int] = {}
-
-    def number(self, original: int, material: Material) -> int:
-        """The number of a variant of material ``original``."""
-        key = original, material
-        if key not in self._numbers:
-            self._numbers[key] = len(self.materials)
-            self.materials.append(material)
-        return self._numbers[key]
-
-    def in_place(self, parts: list[Part]) -> list[Part]:
-        """The parts with every material that has become one other one in its old place."""
-        variants: dict[int, list[int]] = {}
-        for (original, _), number in self._numbers.items():
-            variants.setdefault(original, []).append(number)
-        used = {number for part in parts for number in _numbers(part)}
-        place = np.arange(len(self.materials))
-        for original, numbers in variants.items():
-            living = [number for number in numbers if number in used]
-            if original not in used and len(living) == 1:
-                place[living[0]] = original
-                self.materials[original] = self.materials[living[0]]
-        return [
-            part if part.materials is None else replace(part, materials=place[part.materials])
-            for part in parts
-        ]
-
-
-def _numbers(part: Part) -> list[int]:
-    if not len(part.triangles):
-        return []
-    return [part.material] if part.materials is None else np.unique(part.materials).tolist()
 
 
 def _means(part: Part, image: Texture, uvs: Array | None) -> Array:
@@ -179,7 +144,7 @@ def _opacity(part: Part, content: Content) -> float:
     return opacity * (1.0 - material.transmission)
 
 
-def _glowing(part: Part, content: Content, table: _Table, glows: _Glows) -> Part:
+def _glowing(part: Part, content: Content, table: Variants, glows: _Glows) -> Part:
     """The part with its emission's image, and each triangle's mean of it as its material's."""
     material, image = content.materials[part.material], content.map_of(part.material).emission
     if image is None or not any(material.emission) or not len(part.triangles):
@@ -200,35 +165,6 @@ def _glowing(part: Part, content: Content, table: _Table, glows: _Glows) -> Part
     return replace(part, materials=np.asarray(numbers, np.int64)[which])
 
 
-def _bumpy(
-    parts: list[Part], content: Content, notes: list[str]
-) -> tuple[list[Part], tuple[tuple[Floats, float], ...]]:
-    """The parts with their normal maps, and the maps with their scales."""
-    numbers: dict[tuple[int, float], int] = {}
-    found: list[tuple[Floats, float]] = []
-    result, bare = [], []
-    for part in parts:
-        maps = content.map_of(part.material)
-        uvs = part.uvs if part.normal_uvs is None else part.normal_uvs
-        if maps.normal is None or not len(part.triangles):
-            result.append(replace(part, normal_uvs=None, tangents=None))
-        elif uvs is None or not len(uvs):
-            bare.append(content.materials[part.material].name)
-            result.append(replace(part, normal_uvs=None, tangents=None))
-        else:
-            key = id(maps.normal), maps.normal_scale
-            if key not in numbers:
-                numbers[key] = len(found)
-                found.append((maps.normal.pixels, maps.normal_scale))
-            own = np.full(len(part.triangles), numbers[key])
-            result.append(replace(part, bump=own, normal_uvs=uvs))
-    names = list(dict.fromkeys(bare))
-    if names:
-        told = counted(len(names), "material")
-        notes.append(f"normal maps of {told} without coordinates ({', '.join(names[:3])})")
-    return result, tuple(found)
-
-
 def _grouped(values: Array) -> tuple[Array, Array]:
     """Means of rows that are alike up to ``TINT_STEP`` of the largest, and each row's group."""
     largest = float(values.max(initial=0.0)) or 1.0
@@ -240,7 +176,7 @@ def _grouped(values: Array) -> tuple[Array, Array]:
     return sums / np.bincount(which)[:, None], which
 
 
-def _coloured(parts: list[Part], table: _Table, notes: list[str]) -> list[Part]:
+def _coloured(parts: list[Part], table: Variants, notes: list[str]) -> list[Part]:
     """The parts without ``colors``, which have gone into materials and one image."""
     result = list(parts)
     through_image: list[int] = []
@@ -251,7 +187,7 @@ def _coloured(parts: list[Part], table: _Table, notes: list[str]) -> list[Part]:
         corners = of_corners(part, part.colors)
         if np.ptp(corners, axis=(0, 1)).max() == 0:
             result[place] = _tinted(part, corners[:1, 0], np.zeros(len(corners), np.int64), table)
-        elif any(table.materials[number].texture >= 0 for number in _numbers(part)):
+        elif any(table.materials[number].texture >= 0 for number in numbers_of(part)):
             means, which = _grouped(corners.mean(axis=1))
             result[place] = _tinted(part, means, which, table)
             tinted += 1
@@ -269,9 +205,9 @@ def _coloured(parts: list[Part], table: _Table, notes: list[str]) -> list[Part]:
     return result
 
 
-def _tinted(part: Part, tints: Array, which: Array, table: _Table) -> Part:
+def _tinted(part: Part, tints: Array, which: Array, table: Variants) -> Part:
     """The part with the albedo of its triangles times ``tints[which]``."""
-    numbers = _material_numbers(part)
+    numbers = material_numbers(part)
     for number in np.unique(numbers).tolist():
         mine = numbers == number
         for tint in np.unique(which[mine]).tolist():
@@ -285,13 +221,7 @@ def _tinted(part: Part, tints: Array, which: Array, table: _Table) -> Part:
     return replace(part, materials=numbers, colors=None)
 
 
-def _material_numbers(part: Part) -> Array:
-    if part.materials is None:
-        return np.full(len(part.triangles), part.material, np.int64)
-    return part.materials
-
-
-def _through_image(parts: list[Part], table: _Table) -> list[Part]:
+def _through_image(parts: list[Part], table: Variants) -> list[Part]:
     """The parts with vertices of their own for every triangle, looked up in one image.
 
     A triangle has a block of two by two texels: its corners' colours a, b and c, and b + c - a,
@@ -313,7 +243,7 @@ def _through_image(parts: list[Part], table: _Table) -> list[Part]:
     uvs = np.stack((at[..., 0], 1.0 - at[..., 1]), axis=-1)
     result = []
     for part, mine in zip(parts, np.split(uvs, np.cumsum(counts)[:-1]), strict=True):
-        numbers = _material_numbers(part)
+        numbers = material_numbers(part)
         for number in np.unique(numbers).tolist():
             own = table.number(number, replace(table.materials[number], texture=texture))
             numbers = np.where(numbers == number, own, numbers)
@@ -341,6 +271,7 @@ def _split(part: Part) -> Part:
         emission_uvs=None if part.emission_uvs is None else part.emission_uvs[flat],
         opacity_uvs=None if part.opacity_uvs is None else part.opacity_uvs[flat],
         normal_uvs=None if part.normal_uvs is None else part.normal_uvs[flat],
+        gloss_uvs=None if part.gloss_uvs is None else part.gloss_uvs[flat],
         tangents=None if part.tangents is None else part.tangents[flat],
         colors=None,
     )
@@ -362,6 +293,6 @@ def _remarks(used: list[Material]) -> list[str]:
     return [
         *say(blended, "alpha or transmission of {}: taken as opaque where not left out"),
         *say([m for m in used if m.normal_map], "normal maps of {} not used"),
-        *say(shiny, "gloss and metal of {} not used: all surfaces are diffuse"),
+        *say(shiny, "gloss and metal of {} not used but by what reads them: surfaces are diffuse"),
         *say([m for m in used if m.unlit], "unlit {}: lit as others are"),
     ]

@@ -110,6 +110,42 @@ def bumps_from_bytes(name: str, data: bytes, strength: float) -> Texture:
     return Texture(name, normals_of_heights(heights, strength))
 
 
+def gloss_from_bytes(name: str, data: bytes) -> Texture:
+    """An image of roughness (green) and metalness (blue; glTF 2.0, 3.9.2), its numbers as they
+    stand; one of greys is both.
+
+    Raises:
+        UnreadableImage: it cannot be read.
+    """
+    codes = _codes(data)
+    channels = [np.zeros_like(codes[:, :, -1]), codes[:, :, codes.shape[2] // 2], codes[:, :, -1]]
+    return Texture(name, _shrunk(np.stack(channels, axis=2).astype(np.float32)))
+
+
+def grey_from_bytes(name: str, data: bytes) -> Texture:
+    """An image of one number (MTL's ``map_Pr`` and ``map_Pm``) as it stands, the mean of its
+    channels, in three equal ones.
+
+    Raises:
+        UnreadableImage: it cannot be read.
+    """
+    return Texture(name, _shrunk(_grey(_codes(data).mean(axis=2).astype(np.float32))))
+
+
+def resampled(pixels: Array, height: int, width: int) -> Floats:
+    """An image (h, w, k) looked up bilinearly, with repeat, at the texels of another size."""
+    at = []
+    for size, own in ((height, pixels.shape[0]), (width, pixels.shape[1])):
+        place = (np.arange(size) + 0.5) / size * own - 0.5
+        low = np.floor(place).astype(np.int64)
+        at.append((low % own, (low + 1) % own, place - low))
+    (top, bottom, down), (left, right, across) = at
+    across, down = across[None, :, None], down[:, None, None]
+    upper = pixels[top][:, left] * (1 - across) + pixels[top][:, right] * across
+    lower = pixels[bottom][:, left] * (1 - across) + pixels[bottom][:, right] * across
+    return np.asarray(upper * (1 - down) + lower * down, np.float32)
+
+
 def _are_normals(codes: Array) -> bool:
     """Whether colours (h, w, 3) are those of normals: no greys, and of length 1 by and large."""
     length = np.linalg.norm(2 * codes - 1, axis=2)

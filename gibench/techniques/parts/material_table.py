@@ -48,6 +48,8 @@ class Slot:
 FIELDS = (
     Field("BASE_COLOR", 3, lambda material: material.base_color),
     Field("EMISSION", 3, lambda material: material.emission),
+    Field("ROUGHNESS", 1, lambda material: (material.roughness,)),
+    Field("METALNESS", 1, lambda material: (material.metalness,)),
 )
 SLOTS = (Slot("BASE_COLOR_TEXTURE", lambda material: material.texture),)
 
