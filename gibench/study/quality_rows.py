@@ -139,10 +139,11 @@ def rows_of(
 
 def settings_in_words(settings: Any) -> str:
     """The settings that differ from the defaults, ``name=value`` joined by commas."""
+    usual = type(settings)()
     changed = [
         f"{item.name}={getattr(settings, item.name)}"
         for item in fields(settings)
-        if getattr(settings, item.name) != item.default
+        if getattr(settings, item.name) != getattr(usual, item.name)
     ]
     return ", ".join(changed) or "default"
 

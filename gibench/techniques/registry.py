@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
@@ -171,7 +171,7 @@ class TechniqueSpec:
                 f"technique {self.name} has no setting '{unknown[0]}'",
                 mend=f"it has {', '.join(sorted(known))}",
             )
-        return replace(self.settings_type(), **values)
+        return self.settings_type(**values)
 
 
 def techniques() -> dict[str, TechniqueSpec]:

@@ -9,13 +9,15 @@
 //   hits        [R][4][S]   x, y, z of the hit and 1, or the direction and 0 for an escape
 //   visible     [pair][S]   uchar: 0 hidden, 1 visible, 2 undecided: the host traces a ray
 //   inverse     [R][S]      1 / sum_k w_k V_k, or 0 where no probe sees the hit (invalid sample)
-//   transport   [pair][SH_COUNT]
+//   transport   [pair][COMPONENTS][SH_COUNT]
+//   linear      [R][3][S]   what components 1 to 3 weigh a sample with
 //   states      [rows][PROBES] uchar, the same three values: one row per receiver, then one per
 //               direction cell, then a row of HIDDEN and one of UNDECIDED
 // Every kernel runs with work-groups of one work-item that does a block of samples: PoCL keeps the
 // private arrays of a whole work-group on one thread's stack.
 // Macros: VEC, SH_ORDER, PROBES, GRID (cells along one side of a probe's octahedral map, or 0:
-// no tables, every pair is UNDECIDED).
+// no tables, every pair is UNDECIDED); COMPONENTS of the light at a receiver (1; 4 for order 1, see
+// gibench/techniques/srp/bake/data.py).
 #include "common/vec.cl"
 #include "common/vec_width.cl"
 #include "common/sh.cl"
@@ -24,10 +26,14 @@
 #define HIDDEN 0
 #define UNDECIDED 2
 #define BLOCK 64
+#ifndef COMPONENTS
+#define COMPONENTS 1
+#endif
 
 // One primary ray per sample (Bennett 2019, 5.6.2); a work-item is (block of samples, receiver).
-// The direction is cosine-weighted about the receiver's normal, the origin a point of the surface its
-// texel covers, both from one 4D low-discrepancy point rotated per receiver (Cranley and Patterson
+// The direction is distributed about the receiver's normal by what weighs radiance in its irradiance
+// there: the cosine; in order 1 what that makes of it, 1/4 + cosine / 2, by the inverse of its
+// cumulative distribution (c + c^2) / 2. The origin is a point of the surface its texel covers, both from one 4D low-discrepancy point rotated per receiver (Cranley and Patterson
 // 1976). The azimuth's rotation is done by the sums of angles, so that no trigonometry is left:
 // points [S][8] holds u0, cos(2 pi u1), sin(2 pi u1), u2, u3 and padding, rotations [n][8] likewise.
 // A direction that points below the very triangle it starts on leads into the solid: such a
@@ -80,10 +86,16 @@ __kernel void transport_rays(const int stride, const int samples, const float of
                               load3(fragment_corners, 3 * (size_t)low + 2) * (a * u3);
         const float3 surface = planes[fragment_triangle[low]].xyz;
 
+#if COMPONENTS > 1
+        const float cosine = 0.5f * (sqrt(9.0f - 8.0f * u0) - 1.0f);
+        const float radius = sqrt(max(1.0f - cosine * cosine, 0.0f));
+#else
+        const float cosine = sqrt(1.0f - u0);
         const float radius = sqrt(u0);
+#endif
         const float x = radius * (point[1] * rotate_cos - point[2] * rotate_sin);
         const float y = radius * (point[2] * rotate_cos + point[1] * rotate_sin);
-        float3 direction = t * x + b * y + n * sqrt(1.0f - u0);
+        float3 direction = t * x + b * y + n * cosine;
         if (s >= samples || dot(direction, surface) <= 0.0f)
             direction = (float3)(0.0f);
         const size_t ray = (size_t)get_global_id(1) * stride + s;
@@ -213,16 +225,45 @@ __kernel void transport_weights(const int stride, __global const int *pair_start
     valid_samples[r] = (int)(vec_sum(valid) + 0.5f);
 }
 
-// alpha = pi / M sum of K over the M valid samples (eq. 5.6); one (receiver, probe) pair per
-// work-item, VEC samples at a time, all basis functions in private sums.
+#if COMPONENTS > 1
+// Irradiance's gradient in the normal, half of the integral of radiance times direction, by samples of
+// the density (1/4 + cosine / 2) / pi: each counts direction / 2 over that, in units of the pi that
+// alpha has in front; a work-item is (block of samples, receiver).
+__kernel void transport_linear(const int stride, __global const int *receivers,
+                               __global const float *normals, __global const float *directions,
+                               __global float *linear)
+{
+    const int r = get_global_id(1);
+    const int begin = get_global_id(0) * BLOCK;
+    const int end = min(begin + BLOCK, stride);
+    const float3 n = load3(normals, receivers[r]);
+    for (int s = begin; s < end; ++s) {
+        const float3 direction = load3(directions, (size_t)r * stride + s);
+        const float3 weight = direction * (2.0f / (1.0f + 2.0f * max(dot(n, direction), 0.0f)));
+        __global float *out = linear + (size_t)r * 3 * stride + s;
+        out[0] = weight.x;
+        out[stride] = weight.y;
+        out[2 * stride] = weight.z;
+    }
+}
+#define LINEAR_PARAM , __global const float *linear
+#else
+#define LINEAR_PARAM
+#endif
+
+// alpha = pi / M sum of K over the M valid samples (eq. 5.6); one (receiver, probe) pair and component
+// per work-item, VEC samples at a time, all basis functions in private sums. The first component's
+// samples count alike, those of the others by `linear`.
 __kernel void transport_accumulate(const int stride, __global const int *pair_receiver,
                                    __global const int *pair_probe,
                                    __global const float *pair_weight,
                                    __global const float4 *probes, __global const float *hits,
                                    __global const uchar *visible, __global const float *inverse,
-                                   __global const int *valid_samples, __global float *transport)
+                                   __global const int *valid_samples LINEAR_PARAM,
+                                   __global float *transport)
 {
     const int pair = get_global_id(0);
+    const int component = get_global_id(1);
     const int r = pair_receiver[pair];
     const float3 probe = probes[pair_probe[pair]].xyz;
     const float weight = pair_weight[pair];
@@ -232,10 +273,14 @@ __kernel void transport_accumulate(const int stride, __global const int *pair_re
     for (int j = 0; j < SH_COUNT; ++j)
         sums[j] = (vfloat)(0.0f);
     for (int block = 0; block < blocks; ++block) {
-        const vfloat kernel_weight = weight * vec_load(block, inverse + (size_t)r * stride) *
-                                     vec_load_uchar(block, visible + (size_t)pair * stride);
+        vfloat kernel_weight = weight * vec_load(block, inverse + (size_t)r * stride) *
+                               vec_load_uchar(block, visible + (size_t)pair * stride);
         if (!vec_any(kernel_weight))
             continue;
+#if COMPONENTS > 1
+        if (component > 0)
+            kernel_weight *= vec_load(block, linear + ((size_t)r * 3 + component - 1) * stride);
+#endif
         const vfloat h = vec_load(block, hit + 3 * stride);
         const vfloat x = vec_load(block, hit) - h * probe.x;
         const vfloat y = vec_load(block, hit + stride) - h * probe.y;
@@ -245,5 +290,5 @@ __kernel void transport_accumulate(const int stride, __global const int *pair_re
     }
     const float mean = valid_samples[r] > 0 ? PI_F / valid_samples[r] : 0.0f;
     for (int j = 0; j < SH_COUNT; ++j)
-        transport[(size_t)pair * SH_COUNT + j] = mean * vec_sum(sums[j]);
+        transport[((size_t)pair * COMPONENTS + component) * SH_COUNT + j] = mean * vec_sum(sums[j]);
 }

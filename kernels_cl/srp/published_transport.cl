@@ -1,7 +1,11 @@
 // Cluster projection and irradiance transport as published (Bennett 2019, section 5.3).
-// Macros: STORAGE.
+// Macros: STORAGE; COMPONENTS of the light at a receiver.
 #include "common/vec.cl"
 #include "srp/storage.cl"
+
+#ifndef COMPONENTS
+#define COMPONENTS 1
+#endif
 
 // A cluster's row of `clusters`, CLUSTER_INTS ints.
 #define CLUSTER_INTS 5
@@ -38,10 +42,10 @@ __kernel void cluster_projection(__global const int *clusters, __global const in
 }
 
 // irradiance_transport: one work-item per receiver.
-//   irradiance = sum over light basis vectors of reconstruction[receiver][j] * basis[j]
-//   receiver_cluster, first_value, texel  per receiver in cluster order: its cluster, where its
-//                                         row of the reconstruction matrix starts, its texel
-//   indirect                              lightmap of the signal (common/lightmap.cl), W/m2; `texel` is a row's entry in it
+//   component = sum over light basis vectors of reconstruction[receiver, component][j] * basis[j]
+//   receiver_cluster, first_value, texel  per receiver in cluster order: its cluster, where its rows
+//                                         of the reconstruction matrix start, its texel
+//   indirect                              lightmap of the signal (common/lightmap.cl), W/m2
 __kernel void irradiance_transport(__global const int *clusters,
                                    __global const int *receiver_cluster,
                                    __global const stored_t *reconstruction,
@@ -54,8 +58,12 @@ __kernel void irradiance_transport(__global const int *clusters,
         return;
     __global const int *c = clusters + CLUSTER_INTS * receiver_cluster[i];
     __global const stored_t *value = reconstruction + first_value[i];
-    float3 sum = (float3)(0.0f);
-    for (int j = 0; j < c[ROWS]; ++j)
-        sum += stored_scalar(value + j) * load3(basis, c[FIRST_ROW] + j);
-    indirect[texel[i]] = (float4)(sum, 1.0f);
+    __global float4 *out = indirect + (size_t)COMPONENTS * texel[i];
+    const int rows = c[ROWS];
+    for (int component = 0; component < COMPONENTS; ++component, value += rows) {
+        float3 sum = (float3)(0.0f);
+        for (int j = 0; j < rows; ++j)
+            sum += stored_scalar(value + j) * load3(basis, c[FIRST_ROW] + j);
+        out[component] = (float4)(sum, 1.0f);
+    }
 }

@@ -65,6 +65,7 @@ SHAPE_OF_OTHERS: tuple[int, int, int, dict[str, Any]] = (2, 18, 17, {})
 OTHER_SETTINGS: list[tuple[str, dict[str, Any]]] = [
     ("srp", {"storage": "fp32"}),
     ("srp", {"storage": "snorm16", "bounces": False}),
+    ("srp", {"receiver_order": 1}),
     ("gibs", {"depth_moments": False, "ray_guiding": True}),
     ("gibs", {"placement": "rays", "bare_chance": 1.0}),
     ("ddgi", {"storage": "fp32", "relocation": False}),

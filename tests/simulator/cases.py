@@ -43,7 +43,10 @@ class Case:
 
 # Besides the defaults: what compiles other code into the same kernels.
 OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
-    "srp": [{"storage": "fp32"}, {"storage": "snorm16", "probe_update_fraction": 0.5}],
+    "srp": [
+        {"storage": "fp32", "receiver_order": 1},
+        {"storage": "snorm16", "probe_update_fraction": 0.5},
+    ],
     "gibs": [
         {"grid": "perspective", "ray_guiding": True},
         {"depth_moments": False, "grid_cells": 14, "placement": "rays"},

@@ -79,7 +79,7 @@ def measure(
     tracer, lift = EmbreeTracer(scene.corners), surface_offset(scene)
     probes = place_probes(scene, lightmap, tracer, settings.probes, settings.overlap, lift, 0)
     relight = relight_samples(
-        scene, lightmap, probes, tracer, settings.sh_order, settings.relight_samples
+        scene, lightmap, probes, tracer, settings.order, settings.relight_samples
     )
     rng = np.random.default_rng(seed)
     lights = [sun(lightmap, tracer, rng, 5 * lift) for _ in range(suns)]
@@ -117,7 +117,7 @@ def measure(
         total += np.square(exact).sum(axis=0)
         clusters += parts
         sampled += len(own)
-    bake = SrpBake(settings.sh_order, probes, relight, tuple(clusters), 1.0, 1.0)
+    bake = SrpBake(settings.order, probes, relight, tuple(clusters), 1.0, 1.0)
     errors = np.sqrt(difference / total)
     return Found(
         errors[:count],

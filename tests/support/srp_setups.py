@@ -16,7 +16,7 @@ VARIANTS = ("published", "tuned")
 
 def create(bake, scene, lightmap, variant, size, settings=None, local_memory=16384):
     device = open_device(local_memory=local_memory)
-    values = {"sh_order": bake.sh_order, **(settings or {})}
+    values = {"sh_order": bake.sh_order, "receiver_order": bake.receiver_order, **(settings or {})}
     return made(
         SPEC, device, scene, lightmap, SPEC.settings(values), bake, variant, size, 24, 16,
         scene.cameras[0],

@@ -14,6 +14,7 @@ from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
+from gibench.techniques.srp.bake.settings import USUAL_ORDERS
 from gibench.techniques.srp.common import FRAME_STATE, TransportSizes
 from gibench.techniques.srp.pack import TunedSizes
 from gibench.techniques.srp.published import Published
@@ -26,16 +27,21 @@ __all__ = ["SPEC", "Srp", "SrpSettings"]
 
 
 def _stages(context: BakeContext) -> tuple[Stage, ...]:
-    """Bake the highest order, whatever order is asked for: one bake then serves them all."""
+    """Bake the highest order, whatever order is asked for: one bake then serves them all. With
+    receivers of order 1, whose rows are four times as many, one serves orders up to the usual 4,
+    and one those above.
+    """
     from gibench.techniques.srp.bake.stages import Given, srp_stages
 
     settings: SrpSettings = context.settings
     own = context.scene.probes
     # The scene's own number said aloud, so that asking for it by --probes finds the same bake.
     probes = settings.probes or (own.count if own.positions is None else None)
-    highest = replace(settings.bake_settings(), sh_order=MAX_SH_ORDER, probes=probes)
-    given = Given(context.scene, context.lightmap, highest, context.seed)
-    return srp_stages(given, settings.sh_order)
+    usual = USUAL_ORDERS[settings.receiver_order]
+    highest = usual if settings.order <= usual else MAX_SH_ORDER
+    baked = replace(settings.bake_settings(), sh_order=highest, probes=probes)
+    given = Given(context.scene, context.lightmap, baked, context.seed)
+    return srp_stages(given, settings.order)
 
 
 def _buffers(known: Known) -> list[BufferSpec]:
@@ -45,7 +51,7 @@ def _buffers(known: Known) -> list[BufferSpec]:
     if lightmap is None:
         sizes = TransportSizes.least(
             probes=settings.probes or scene.probes.count,
-            coefficients=sh_count(settings.sh_order),
+            coefficients=sh_count(settings.order),
             samples=settings.relight_samples,
             receivers=known.receivers,
         )
@@ -68,7 +74,7 @@ def _buffers(known: Known) -> list[BufferSpec]:
     return [
         *FrameScene.declared(known),
         *FrameLightmap.buffers(len(scene.triangles), known.receivers),
-        ReceiverSignal.spec("indirect", texels),
+        ReceiverSignal.spec("indirect", texels, settings.components),
         FRAME_STATE,
         *own,
         HitBuffer.spec(job.shot.width, job.shot.height),

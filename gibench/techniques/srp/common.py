@@ -34,6 +34,7 @@ class TransportSizes:
         columns: stored columns of all clusters.
         projection: values of all projection matrices.
         reconstruction: values of all reconstruction matrices.
+        components: of the light at a receiver.
     """
 
     probes: int
@@ -48,6 +49,7 @@ class TransportSizes:
     columns: int
     projection: int
     reconstruction: int
+    components: int = 1
 
     @staticmethod
     def of(bake: SrpBake) -> TransportSizes:
@@ -66,6 +68,7 @@ class TransportSizes:
             columns=sum(c.projection.shape[1] for c in lit),
             projection=sum(c.projection.size for c in lit),
             reconstruction=sum(c.reconstruction.size for c in lit),
+            components=bake.components,
         )
 
     @staticmethod
@@ -115,7 +118,7 @@ class TransportSizes:
             bytes_read=self.reconstruction * storage_bytes(storage)
             + 12 * self.rows
             + 4 * self.lit_receivers,
-            bytes_written=12 * self.lit_receivers,
+            bytes_written=12 * self.lit_receivers * self.components,
         )
 
 

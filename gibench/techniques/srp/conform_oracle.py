@@ -28,6 +28,7 @@ def random_bake(
     reach: int = 4,
     vectors: tuple[int, int] = (1, 32),
     dark: bool = True,
+    receiver_order: int = 0,
 ) -> SrpBake:
     """Clusters of random matrices whose values span several powers of two, some of them dark."""
     n, c = len(lightmap.receivers), (order + 1) ** 2
@@ -36,7 +37,8 @@ def random_bake(
     made = []
     for i, members in enumerate(parts):
         k = min(reach, probes)
-        rows = min(int(rng.integers(vectors[0], vectors[1] + 1)), len(members), k * c)
+        outputs = len(members) * (receiver_order + 1) ** 2
+        rows = min(int(rng.integers(vectors[0], vectors[1] + 1)), outputs, k * c)
         if dark and i == 1:
             rows = 0
         decay = 2.0 ** -rng.uniform(0, 6, (rows, 1))
@@ -45,7 +47,7 @@ def random_bake(
                 members,
                 np.sort(rng.choice(probes, k, replace=False)).astype(np.int32),
                 (decay * rng.normal(size=(rows, k * c))).astype(np.float32),
-                rng.normal(size=(len(members), rows), scale=0.1).astype(np.float32),
+                rng.normal(size=(outputs, rows), scale=0.1).astype(np.float32),
                 0.0,
             )
         )
@@ -65,6 +67,7 @@ def random_bake(
         tuple(made),
         1.0,
         10.0,
+        receiver_order,
     )
 
 
@@ -81,14 +84,20 @@ def expected_probe_radiance(scene: Scene, bake: SrpBake, radiance: Array) -> Arr
 
 def expected_irradiance(bake: SrpBake, radiance: Array, count: int, storage: str) -> Array:
     """Irradiance (n, 3) of the receivers from lambda (p, c, 3), stored matrices, in float64."""
-    out = np.zeros((count, 3))
+    return np.asarray(expected_signal(bake, radiance, count, storage)[:, 0])
+
+
+def expected_signal(bake: SrpBake, radiance: Array, count: int, storage: str) -> Array:
+    """The light at the receivers (n, components, 3), likewise."""
+    out = np.zeros((count, bake.components, 3))
     for cluster in bake.clusters:
         if len(cluster.projection) == 0:
             continue
         stored = store_cluster(cluster, storage)
         light = radiance[cluster.probes].reshape(-1, 3)
         basis = stored_values(stored.projection, storage) @ light * stored.scale[:, None]
-        out[cluster.receivers] = stored_values(stored.reconstruction, storage) @ basis
+        light = stored_values(stored.reconstruction, storage) @ basis
+        out[cluster.receivers] = light.reshape(len(cluster.receivers), -1, 3)
     return out
 
 

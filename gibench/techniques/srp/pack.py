@@ -31,6 +31,12 @@ def _by_texel(stored: StoredCluster, texel: Ints) -> npt.NDArray[np.intp]:
     return np.argsort(texel[stored.cluster.receivers], kind="stable")
 
 
+def _receiver_rows(stored: StoredCluster, components: int) -> Stored:
+    """The reconstruction matrix as (receivers, components, light basis vectors)."""
+    shape = len(stored.cluster.receivers), components, len(stored.projection)
+    return stored.reconstruction.reshape(shape)
+
+
 # -- published -------------------------------------------------------------------------------------
 
 
@@ -45,7 +51,7 @@ class PublishedTransport:
         projection: stored values, row-major within a cluster.
         scale: (rows,) float32.
         receiver_cluster: (n,) int32, receivers in cluster order.
-        first_value: (n,) int32 of each receiver's row in ``reconstruction``.
+        first_value: (n,) int32 of each receiver's rows in ``reconstruction``.
         texel: (n,) int32.
         reconstruction: stored values, row-major within a cluster.
     """
@@ -66,11 +72,10 @@ def pack_published(bake: SrpBake, texel: Ints, storage: str) -> PublishedTranspo
 
     Args:
         bake: the baked data.
-        texel: (n,) the entry in the signal's map of every row of the transport: a receiver's
-            texel where the signal has one component.
+        texel: (n,) int32 of the receivers.
         storage: ``fp32``, ``fp16`` or ``snorm16``.
     """
-    c = bake.coefficients
+    c, parts = bake.coefficients, bake.components
     stored = [store_cluster(cluster, storage) for cluster in bake.clusters]
     rows = [len(s.projection) for s in stored]
     columns = [s.projection.shape[1] if len(s.projection) else 0 for s in stored]
@@ -85,7 +90,7 @@ def pack_published(bake: SrpBake, texel: Ints, storage: str) -> PublishedTranspo
     starts = first_row[:-1], first_column[:-1], first_projection[:-1]
     table = np.stack([starts[0], rows, starts[1], columns, starts[2]], axis=1)
     value_rows = [
-        start + np.arange(m) * n
+        start + np.arange(m) * n * parts
         for start, m, n in zip(first_reconstruction, members, rows, strict=False)
     ]
     orders = [_by_texel(s, texel) for s in stored]
@@ -102,7 +107,7 @@ def pack_published(bake: SrpBake, texel: Ints, storage: str) -> PublishedTranspo
             [texel[s.cluster.receivers[o]] for s, o in zip(stored, orders, strict=True)], np.int32
         ),
         reconstruction=_joined(
-            [s.reconstruction[o] for s, o in zip(stored, orders, strict=True)], dtype
+            [_receiver_rows(s, parts)[o] for s, o in zip(stored, orders, strict=True)], dtype
         ),
     )
 
@@ -167,7 +172,8 @@ class TunedTransport:
         scale: (rows,) float32.
         receiver_blocks: (r, 3) int32 first vector, first row, rows.
         texel: (r * width,) int32, -1 behind a cluster's last receiver.
-        reconstruction: stored values: per block, per light basis vector, ``width`` receivers.
+        reconstruction: stored values: per block, per light basis vector, per component, ``width``
+            receivers.
     """
 
     row_blocks: Ints = field(repr=False)
@@ -215,7 +221,7 @@ class TunedSizes:
             probes=sum(probes for _, probes, _ in lit),
             projection=sum(rows * probes * values for rows, probes, _ in lit),
             receiver_blocks=sum(slots // device_width for _, _, slots in lit),
-            reconstruction=sum(rows * slots for rows, _, slots in lit),
+            reconstruction=sum(rows * slots for rows, _, slots in lit) * bake.components,
         )
 
 
@@ -224,8 +230,7 @@ def pack_tuned(bake: SrpBake, texel: Ints, storage: str, device_width: int) -> T
 
     Args:
         bake: the baked data.
-        texel: (n,) the entry in the signal's map of every row of the transport: a receiver's
-            texel where the signal has one component.
+        texel: (n,) int32 of the receivers.
         storage: ``fp32``, ``fp16`` or ``snorm16``.
         device_width: floats per vector of the executing device.
     """
@@ -252,8 +257,9 @@ def pack_tuned(bake: SrpBake, texel: Ints, storage: str, device_width: int) -> T
             projections.append(block)
             projected += vectors * count
         order = _by_texel(stored, texel)
-        tiles = _transposed(stored.reconstruction[order], device_width)
-        at = reconstructed + np.arange(len(tiles)) * rows
+        tiles = _transposed(_receiver_rows(stored, bake.components)[order], device_width)
+        vectors = rows * bake.components
+        at = reconstructed + np.arange(len(tiles)) * vectors
         receiver_blocks.append(
             np.stack([at, np.full_like(at, first_row), np.full_like(at, rows)], axis=1)
         )
@@ -261,7 +267,7 @@ def pack_tuned(bake: SrpBake, texel: Ints, storage: str, device_width: int) -> T
         slots[: len(order)] = texel[cluster.receivers[order]]
         reconstructions.append(tiles)
         texels.append(slots)
-        reconstructed += len(tiles) * rows
+        reconstructed += len(tiles) * vectors
         probes.append(cluster.probes)
         scales.append(stored.scale)
         first_row += rows
@@ -293,10 +299,13 @@ def _interleaved(
 
 
 def _transposed(reconstruction: Stored, width: int) -> npt.NDArray[Any]:
-    """(blocks, light basis vectors, width) of a reconstruction matrix (m, n), zero-padded."""
-    count, rows = reconstruction.shape
-    full = np.pad(reconstruction, ((0, padded(count, width) - count), (0, 0)))
-    return np.ascontiguousarray(full.reshape(-1, width, rows).transpose(0, 2, 1))
+    """(blocks, light basis vectors, components, width) of receivers' rows (m, components, n),
+    zero-padded.
+    """
+    count, components, rows = reconstruction.shape
+    full = np.pad(reconstruction, ((0, padded(count, width) - count), (0, 0), (0, 0)))
+    blocks = full.reshape(-1, width, components, rows)
+    return np.ascontiguousarray(blocks.transpose(0, 3, 2, 1))
 
 
 def padded_basis(relight: RelightSamples, device_width: int) -> Floats:

@@ -30,7 +30,7 @@ class Published:
         self.given = given
         bake, texels = given.bake, given.receivers.texels
         lists = pack_samples(bake.relight)
-        packed = pack_published(bake, given.indirect.entries, given.storage)
+        packed = pack_published(bake, given.receivers.lightmap.receivers.texel, given.storage)
         data = {
             "radiance": given.receivers.black(),
             "hit_start": lists.hit_start,
@@ -160,5 +160,9 @@ class Published:
         return [Launch(self._program(), "irradiance_transport", args, items=receivers)]
 
     def _program(self) -> ProgramSpec:
-        defines: dict[str, int | str] = {"STORAGE": storage_macro(self.given.storage), "VEC": 1}
+        defines: dict[str, int | str] = {
+            "STORAGE": storage_macro(self.given.storage),
+            "VEC": 1,
+            **self.given.indirect.macros,
+        }
         return ProgramSpec("srp/published_transport.cl", defines)

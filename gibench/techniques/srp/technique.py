@@ -54,7 +54,7 @@ class Srp:
         self._job, self._world, self._settings, self._bake = job, world, settings, bake
         self.scene = FrameScene.of(device, job.shot, world)
         self.receivers = FrameLightmap.upload(device, world.lightmap)
-        self.indirect = ReceiverSignal.create(self.receivers, "indirect")
+        self.indirect = ReceiverSignal.create(self.receivers, "indirect", bake.components)
         self.sizes = TransportSizes.of(bake)
         self.turns = ProbeTurns(device, self.sizes.probes, settings.probe_update_fraction)
         given = SrpInput(

@@ -56,7 +56,9 @@ class Tuned:
         radiance[texels : texels + samples, :3] = given.scene.scene.environment.radiance(
             bake.relight.directions
         )
-        packed = pack_tuned(bake, given.indirect.entries, given.storage, self._width)
+        packed = pack_tuned(
+            bake, given.receivers.lightmap.receivers.texel, given.storage, self._width
+        )
         border = border_texels(lightmap)
         data = {
             "radiance": radiance,
@@ -190,6 +192,7 @@ class Tuned:
         defines: dict[str, int | str] = {
             "STORAGE": storage_macro(self.given.storage),
             "VEC": self._width,
+            **self.given.indirect.macros,
         }
         program = ProgramSpec("srp/tuned_transport.cl", defines)
         count = self._held["receiver_blocks"].shape[0]

@@ -146,6 +146,40 @@ def test_leaf_meets_the_threshold_with_fewer_values(most, threshold):
         assert not any(5 in one.probes for one in clusters)  # the one that hardly matters
 
 
+@pytest.mark.parametrize("threshold", [0.02, 0.2])
+def test_rows_of_a_receiver_stay_together(rng, threshold):
+    """Four rows each, smooth over the receivers, and some receivers dark."""
+    count, probes, c, parts = 120, 4, 4, 4
+    positions = rng.random((count, 3)).astype(np.float32)
+    waves = np.stack([np.sin(positions @ w) for w in rng.normal(0, 3, (9, 3))], axis=1)
+    smooth = waves @ rng.standard_normal((9, parts * probes * c))
+    smooth += 1e-3 * rng.standard_normal(smooth.shape)
+    dark = rng.permutation(count) < 11
+    matrix = np.where(dark[:, None], 0, smooth).reshape(count * parts, -1).astype(np.float32)
+    light = rng.standard_normal((probes * c, 40)).astype(np.float32)
+    receivers = rng.permutation(500)[:count].astype(np.int32)
+    names = np.arange(3, 3 + probes, dtype=np.int32)
+    clusters = compress(
+        receivers, positions, positions, names, matrix, light, 16, threshold, components=parts
+    )
+    at = {int(r): i for i, r in enumerate(receivers)}
+    assert sorted(at) == sorted(np.concatenate([one.receivers for one in clusters]).tolist())
+    assert set(clusters[0].receivers.tolist()) == set(receivers[dark].tolist())
+    error = energy = 0.0
+    whole = matrix.reshape(count, parts, probes, c).astype(float)
+    for one in clusters:
+        assert one.reconstruction.shape == (parts * len(one.receivers), len(one.projection))
+        own = whole[[at[int(r)] for r in one.receivers]].reshape(-1, probes, c)
+        rebuilt = np.zeros_like(own)
+        product = one.reconstruction.astype(float) @ one.projection
+        rebuilt[:, one.probes - 3] = product.reshape(len(own), len(one.probes), c)
+        left = (own - rebuilt).reshape(len(own), -1)
+        error += np.square(left @ light).sum()
+        energy += np.square(own.reshape(len(own), -1) @ light).sum()
+    # WHITE_LIGHT and what dropped probes add come on top.
+    assert np.sqrt(error / energy) <= 1.3 * threshold
+
+
 def test_compressed_irradiance_is_within_one_percent_under_ten_random_lightings():
     scene, lightmap = room(14)
     grid = np.stack(np.meshgrid([-0.7, 0.75], [0.3, 1.2, 2.1], [-0.8, 0.7]), axis=-1)

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
 
 import numpy as np
@@ -225,7 +225,7 @@ def test_key_follows_content_and_settings_but_not_speed():
 CHANGED = {
     "sh_order": 6, "probes": 7, "relight_samples": 99, "transport_rays": 98, "overlap": 9.0,
     "cluster_size": 97, "svd_vectors": 31, "svd_threshold": 0.25, "least_valid": 0.125,
-    "visibility": "exact", "interpolation": "spatial",
+    "visibility": "exact", "interpolation": "spatial", "receiver_order": 1,
 }  # fmt: skip
 
 
@@ -234,6 +234,27 @@ def test_every_setting_is_in_the_key():
     assert set(CHANGED) == {item.name for item in fields(SrpBakeSettings)}
     keys = [key_of(scene, lightmap, SrpBakeSettings(**{n: v})) for n, v in CHANGED.items()]
     assert len({key_of(scene, lightmap), *keys}) == len(CHANGED) + 1
+
+
+def test_a_bake_of_order_0_is_never_taken_for_one_of_order_1(baked, tmp_path):
+    """And the other way round; probes serve both. What order 0 was baked from before there was any
+    other is still told by the same key.
+    """
+    folder, report = copy_of(baked, tmp_path), BakeReport()
+    one = bake(folder, report, receiver_order=1)
+    zero_again, one_again = BakeReport(), BakeReport()
+    assert (report.stages["srp-probes"].baked, report.stages["srp-probes"].loaded) == (0, 1)
+    assert report.stages["srp-transport"].loaded == 0
+    assert report.stages["srp-transport"].baked > len(files(baked[0]))
+    assert (one.receiver_order, one.components) == (1, 4)
+    for cluster in one.clusters:
+        assert len(cluster.reconstruction) == 4 * len(cluster.receivers) <= 32
+    assert same(baked[1], bake(folder, zero_again))
+    assert same(one, bake(folder, one_again, receiver_order=1))
+    for told in (zero_again, one_again):
+        assert told.stages["srp-transport"].baked == 0
+    settings = SrpBakeSettings()
+    assert settings.everything == astuple(settings)[:-1]
 
 
 def test_a_setting_of_the_transport_makes_no_probe_anew(baked, tmp_path):
@@ -256,6 +277,7 @@ def test_tables_are_kept_only_while_they_are_needed(baked):
         {"sh_order": 8}, {"sh_order": -1}, {"probes": 0}, {"transport_rays": 0}, {"overlap": 0.0},
         {"svd_threshold": -0.1},
         {"least_valid": 1.0}, {"visibility": "perhaps"}, {"interpolation": "nearest"},
+        {"receiver_order": 2}, {"receiver_order": -1},
     ],
 )  # fmt: skip
 def test_settings_out_of_range_are_bad_input(wrong):

@@ -42,8 +42,25 @@ def baker_of(
     )
 
 
-def brute_force(scene, probes, receiver, origins, directions, order):
-    """Eq. 5.6 for one receiver and its sample rays: (p, c) float64 and the valid samples.
+def order_1(directions, normal):
+    """What samples (s, 3) of density (1 + 2 cosine) / 4 pi about ``normal`` weigh in units of pi:
+    (s, 4) for irradiance at the normal and its gradient, by radiance in spherical harmonics and the
+    constants of the convolution with the clamped cosine (Ramamoorthi and Hanrahan 2001).
+    """
+    cosine = directions @ normal
+    convolved = sh_basis(1, directions) * [np.pi, *[2 * np.pi / 3] * 3]
+    convolved /= (1 + 2 * cosine)[:, None] / (4 * np.pi)
+
+    def at(normals):
+        return convolved @ sh_basis(1, normals).T / np.pi
+
+    axes = np.eye(3)
+    return np.concatenate([at(normal[None]), (at(axes) - at(-axes)) / 2], axis=1)
+
+
+def brute_force(scene, probes, receiver, origins, directions, order, normal=None):
+    """Eq. 5.6 for one receiver and its sample rays: (p, c) float64 and the valid samples; (4, p, c)
+    with a ``normal``, for receivers of order 1.
 
     None for a receiver one of whose rays grazes an edge so closely that lifting its target by
     2e-5 m off its surface changes what is seen: the bake lifts targets by half of that.
@@ -79,7 +96,10 @@ def brute_force(scene, probes, receiver, origins, directions, order):
     kernel = np.divide(share, total, out=np.zeros_like(share), where=total > 0)
     valid = int((total > 0).sum())
     basis = sh_basis(order, phi.reshape(-1, 3)).reshape(*phi.shape[:2], -1)
-    return np.pi / max(valid, 1) * np.einsum("ps,psc->pc", kernel, basis), valid
+    scale = np.pi / max(valid, 1)
+    if normal is not None:
+        return scale * np.einsum("ps,sk,psc->kpc", kernel, order_1(d, normal), basis), valid
+    return scale * np.einsum("ps,psc->pc", kernel, basis), valid
 
 
 @pytest.mark.parametrize(
@@ -122,6 +142,98 @@ def test_transport_is_the_direct_evaluation_in_float64(order, rays, vector, open
         expected, valid = direct
         assert rows.valid[i] == valid
         assert np.abs(got[i] - expected).max() <= 1e-5 * max(np.abs(expected).max(), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("vector", "order", "rays", "open_top"),
+    widths((None, 4, 256, False), (16, 2, 77, True), (4, 0, 1, False), (1, 3, 130, True)),
+)
+def test_order_1_is_the_direct_evaluation_in_float64(rng, order, rays, vector, open_top):
+    """Equation 8 of Silvennoinen and Lehtinen 2017, convolved with the cosine."""
+    scene, lightmap = room(4, open_top)
+    probes = ProbeSet(PROBES, 2.4)
+    baker = baker_of(
+        scene, lightmap, probes, vector=vector, sh_order=order, transport_rays=rays,
+        receiver_order=1, seed=int(rng.integers(1000)),
+    )  # fmt: skip
+    chosen = rng.choice(len(lightmap.receivers), 10, replace=False)
+    receivers = np.sort(chosen).astype(np.int32)
+    worker = baker.worker()
+    rows = worker.rows(receivers)
+    sample = worker.primary_rays(receivers)
+    got = np.zeros((len(receivers), 4, len(PROBES), (order + 1) ** 2))
+    got[:, :, rows.probes] = rows.matrix.reshape(len(receivers), 4, len(rows.probes), -1)
+    compared = 0
+    for i, receiver in enumerate(receivers):
+        direct = brute_force(
+            scene, probes, lightmap.receivers.position[receiver].astype(np.float64),
+            sample.origins[i], sample.directions[i], order,
+            normal=lightmap.receivers.normal[receiver].astype(np.float64),
+        )  # fmt: skip
+        if direct is None:
+            continue
+        compared += 1
+        expected, valid = direct
+        assert rows.valid[i] == valid
+        assert np.abs(got[i] - expected).max() <= 1e-5 * max(np.abs(expected).max(), 1.0)
+    assert compared
+
+
+def test_rays_of_order_1_are_distributed_by_its_weight():
+    """Density (1 + 2 c) / 4 pi: E[c] = 7/12, E[c^2] = 5/12, E[direction] = 7/12 normal."""
+    scene, lightmap = room(4)
+    worker = baker_of(
+        scene, lightmap, ProbeSet(PROBES, 2.0), transport_rays=4096, receiver_order=1
+    ).worker()
+    receivers = np.arange(0, len(lightmap.receivers), 29, dtype=np.int32)
+    rays = worker.primary_rays(receivers)
+    normal = lightmap.receivers.normal[receivers].astype(np.float64)
+    cosine = np.einsum("nsx,nx->ns", rays.directions, normal)
+    assert cosine.min() >= 0
+    assert np.allclose((rays.directions.astype(np.float64) ** 2).sum(axis=2), 1, atol=1e-5)
+    assert np.allclose(cosine.mean(axis=1), 7 / 12, atol=2e-3)
+    assert np.allclose((cosine**2).mean(axis=1), 5 / 12, atol=2e-3)
+    assert np.allclose(rays.directions.mean(axis=1), 7 / 12 * normal, atol=4e-3)
+
+
+def test_uniform_radiance_in_order_1():
+    """pi L at a receiver's own normal n, exactly; at any other normal m the order-1 irradiance of a
+    lit hemisphere, pi L (1 + n m) / 2, within what the rays' noise leaves.
+    """
+    scene, lightmap = empty_room(4)
+    baker = baker_of(
+        scene, lightmap, ProbeSet(PROBES, 3.0), sh_order=1, transport_rays=1024, receiver_order=1
+    )
+    rows = baker.worker().rows(np.arange(0, len(lightmap.receivers), 7, dtype=np.int32))
+    light = np.zeros((len(rows.probes), 4))
+    light[:, 0] = 0.7 * np.sqrt(4 * np.pi)
+    found = (rows.matrix.astype(np.float64) @ light.ravel()).reshape(-1, 4)
+    normal = lightmap.receivers.normal[::7]
+    assert np.allclose(found[:, 0], np.pi * 0.7, rtol=2e-6)
+    assert np.allclose(found[:, 1:], np.pi * 0.7 / 2 * normal, atol=0.01)
+
+
+def test_order_1_beside_the_scalar_at_the_geometric_normal():
+    """Under a sky of radiance a + b d, d the direction, an open receiver's irradiance is
+    pi a + 2 pi / 3 b n; order 1 makes 7 pi / 12 of the latter, as it lacks the cosine's higher
+    orders, and exactly that.
+    """
+    floor = [((-1.0, -1.0, 0.0), (2.0, 0.0, 0.0), (0.0, 2.0, 0.0))]
+    scene, lightmap = quad_scene(floor, 2, sky=(1.0, 1.0, 1.0))
+    probes = ProbeSet(np.array([[0.2, 0.1, 0.5], [-0.5, 0.3, 0.8]], np.float32), 3.0)
+    a, b = 1.3, np.array([0.4, -0.2, 0.7])
+    light = np.array([a * np.sqrt(4 * np.pi), *(np.sqrt(4 * np.pi / 3) * b[[1, 2, 0]])])
+    expected = {0: [np.pi * a + 2 * np.pi / 3 * b[2]]}
+    # Of a + b d over the hemisphere, half its integral with the direction.
+    x, y, z = np.pi / 3 * b
+    expected[1] = [np.pi * a + 7 * np.pi / 12 * b[2], x, y, z + np.pi / 2 * a]
+    for order, values in expected.items():
+        baker = baker_of(
+            scene, lightmap, probes, sh_order=1, transport_rays=4096, receiver_order=order
+        )
+        rows = baker.worker().rows(np.arange(4, dtype=np.int32))
+        found = rows.matrix.astype(np.float64) @ np.concatenate([light, light])
+        assert np.allclose(found.reshape(4, -1), values, atol=6e-3)
 
 
 def test_rays_are_cosine_weighted_and_start_all_over_the_texel():

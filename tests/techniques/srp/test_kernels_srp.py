@@ -10,6 +10,7 @@ from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.techniques.srp.conform_oracle import (
     expected_irradiance,
     expected_probe_radiance,
+    expected_signal,
     write_lambda,
 )
 from gibench.techniques.srp.pack import padded, projection_width
@@ -80,6 +81,30 @@ def test_projection_and_transport(setting, variant, order_and_size, storage):
     assert not texels[outside].any()
 
 
+@pytest.mark.parametrize(
+    ("variant", "order_and_size", "storage"),
+    pairwise(VARIANTS, [(4, 7), (1, 64), (2, 100)], ["fp32", "fp16", "snorm16"]),
+)
+def test_projection_and_transport_of_order_1(rng, variant, order_and_size, storage):
+    order, size = order_and_size
+    scene = random_scene(rng, 12)
+    lightmap = random_lightmap(rng, scene, 613, 41, 33)
+    bake = random_bake(rng, lightmap, order=order, receiver_order=1)
+    technique = create(bake, scene, lightmap, variant, size, {"storage": storage})
+    radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
+    write_lambda(technique, radiance)
+    launch(technique, "cluster_projection", size)
+    launch(technique, "irradiance_transport", size)
+    expected = expected_signal(bake, radiance.astype(np.float64), 613, storage)
+    found = technique.indirect.at_receivers()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=3e-6 * np.abs(expected).max())
+    np.testing.assert_array_equal(technique.indirect_irradiance(), found[:, 0])
+    assert not found[bake.clusters[1].receivers].any()
+    texels = technique.device.read(technique.indirect.map)
+    outside = np.setdiff1d(np.arange(len(texels)), technique.indirect.entries)
+    assert not texels[outside].any()
+
+
 # fp16 rounds each factor by at most 2^-11 of itself. snorm16 rounds by at most half of a step of
 # largest / 32767; of a normal row the largest is under 4.5 sigma, so each factor's relative error
 # is 4.5 / (32767 sqrt(12)) = 4e-5 and two independent ones make 5.6e-5.
@@ -134,11 +159,11 @@ def test_projection_width():
     assert projection_width(9, 16) == 4
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_whole_frame(setting, variant):
+@pytest.mark.parametrize(("variant", "receiver_order"), [(VARIANTS[0], 0), (VARIANTS[1], 1)])
+def test_whole_frame(setting, variant, receiver_order):
     """Frames one after the other feed indirect light back exactly as in NumPy."""
     _, scene, lightmap = setting
-    bake = random_bake(np.random.default_rng(4), lightmap, order=3)
+    bake = random_bake(np.random.default_rng(4), lightmap, order=3, receiver_order=receiver_order)
     technique = create(bake, scene, lightmap, variant, 64)
     prepared = prepare_passes(technique, 64)
     r = lightmap.receivers

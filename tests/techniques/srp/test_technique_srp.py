@@ -63,14 +63,28 @@ def test_passes_and_their_work(setting, variant):
 @pytest.mark.parametrize("width", widths(1, 16))
 def test_memory_is_declared(setting, monkeypatch, variant, storage, width):
     monkeypatch.setattr(Device, "vector_width", property(lambda self: width))
-    scene, lightmap, bake = setting
+    scene, lightmap, _ = setting
+    # Of both orders, not each with each.
+    receiver_order = int((storage == "fp16") != (width == 1))
+    rng = np.random.default_rng(3)
+    bake = random_bake(rng, lightmap, order=4, receiver_order=receiver_order)
     technique = create(bake, scene, lightmap, variant, 64, {"storage": storage})
-    samples = bake.relight.texel.shape[1]
     settings = SPEC.settings(
-        {"sh_order": 4, "probes": 11, "relight_samples": samples, "storage": storage}
-    )
+        {
+            "sh_order": 4, "probes": 11, "relight_samples": bake.relight.texel.shape[1],
+            "storage": storage, "receiver_order": receiver_order,
+        }
+    )  # fmt: skip
     least, held = check_memory(SPEC, technique, settings, variant, 64, 400)
     assert 0.1 * held < least < held
+
+
+def test_usual_orders():
+    """Silvennoinen and Lehtinen 2017, section 5.1: receivers of order 1, probes of order 4."""
+    assert (SPEC.settings({}).sh_order, SPEC.settings({}).receiver_order) == (7, 0)
+    assert SPEC.settings({"receiver_order": 1}).sh_order == 4
+    for order in range(8):
+        assert SPEC.settings({"receiver_order": 1, "sh_order": order}).sh_order == order
 
 
 def images_after(technique, size, frames):
@@ -184,6 +198,7 @@ def test_a_budget_too_small_is_refused_before_it_is_used(setting):
         ({"probe_update_fraction": 0.3}, "probe_update_fraction is 0.3"),
         ({"relight_samples": 0}, "relight_samples is 0"),
         ({"probes": -5}, "probes is -5"),
+        ({"receiver_order": 2}, "receiver_order is 2"),
         ({"radius": 3}, "no setting 'radius'"),
     ],
 )

@@ -19,8 +19,8 @@ from scipy.linalg import eigh
 from gibench.arrays import Floats, Ints
 from gibench.techniques.srp.bake.data import Cluster
 
-# A cluster is not split into parts of fewer receivers than this: 32 vectors hold 32 receivers as
-# they are, so that less brings nothing.
+# A cluster is not split into parts of fewer rows than this: 32 vectors hold 32 rows as they are, so
+# that less brings nothing.
 SMALLEST_PART = 16
 # Weight of the error of the coefficients themselves, which is that under probe radiance that is
 # white noise, beside the error under expected light: for lights finer than its patches. At a
@@ -111,8 +111,9 @@ class _Node:
     """A part of a leaf, and the parts it may be split into.
 
     Attributes:
-        part: (m,) rows of the leaf.
-        vectors: (m, v) float64 left singular vectors, the largest first, at most ``most``.
+        part: (m,) receivers of the leaf.
+        vectors: (m * components, v) float64 left singular vectors, the largest first, at most
+            ``most``.
         left_over: (v + 1,) squared error of the irradiance with so many of them.
         values: stored values that one vector takes.
         parts: none, or two.
@@ -148,31 +149,35 @@ def compress(
     light: Floats,
     most: int,
     threshold: float,
+    components: int = 1,
 ) -> list[Cluster]:
-    """Transport ``matrix`` (m, k * c) of one AABB leaf as one cluster or several.
+    """Transport ``matrix`` (m * components, k * c) of one AABB leaf as one cluster or several.
 
     Of all ways to split the leaf, by position and normal, into clusters of at most ``most`` vectors
     it takes the one of fewest stored values whose error is at most ``threshold``; where none is,
     the one of least error. Then the blocks of probes that matter less than their size are dropped
     (a probe's weight fades to nothing at its radius), which adds a little to the error. Receivers
-    without light from any probe become a cluster of no vectors.
+    without light from any probe become a cluster of no vectors. The rows of a receiver, one for
+    each component of its light, stay together and count alike.
 
     Args:
         receivers: (m,) receiver indices.
         positions: (m, 3) of them, m.
         normals: (m, 3) of them.
         probes: (k,) probes of the column blocks.
-        matrix: the transport rows.
+        matrix: the transport rows, those of a receiver one after the other.
         light: (k * c, q) probe radiance under each of q equally likely, independent lights.
         most: most vectors of a cluster.
         threshold: root mean square error of the leaf's irradiance relative to itself.
+        components: rows of a receiver.
     """
     rows = matrix.astype(np.float64)
-    in_use = np.asarray(rows.reshape(len(rows), len(probes), -1).any(axis=2))
+    by_receiver = rows.reshape(len(receivers), components, len(probes), -1)
+    in_use = np.asarray(np.any(by_receiver, axis=(1, 3)))
     dark = ~in_use.any(axis=1)
     done = []
     if dark.any():
-        nothing = np.zeros((int(dark.sum()), 0), np.float32)
+        nothing = np.zeros((components * int(dark.sum()), 0), np.float32)
         empty = np.zeros((0, 0), np.float32)
         done.append(
             Cluster(receivers[dark].astype(np.int32), np.zeros(0, np.int32), empty, nothing, 0.0)
@@ -183,11 +188,11 @@ def compress(
     features = _split_features(positions, normals)
     coefficients = matrix.shape[1] // len(probes)
     lit = np.flatnonzero(~dark).astype(np.int32)
-    root = _tree(lit, gram, in_use, features, coefficients, most)
+    root = _tree(lit, gram, in_use, features, coefficients, most, components)
     slope = _slope(root, threshold)
     for node, count in root.best(slope)[1]:
         u = node.vectors[:, :count]
-        own = rows[node.part]
+        own = rows[_rows_of(node.part, components)]
         blocks = (u.T @ own).reshape(count, len(probes), coefficients)
         used = np.asarray(in_use[node.part].any(axis=0))
         prevented = _prevented(blocks, used, light, white)
@@ -210,7 +215,7 @@ def compress(
 
 
 def _irradiance_gram(matrix: Floats, light: Floats) -> tuple[npt.NDArray[np.float64], float]:
-    """(m, m) expected products of two receivers' irradiance, and the weight of white light."""
+    """(r, r) expected products of two rows' irradiance, and the weight of white light."""
     rows = matrix.astype(np.float64)
     own = rows @ rows.T
     lit = (matrix @ light).astype(np.float64)
@@ -241,10 +246,12 @@ def _tree(
     features: npt.NDArray[np.float64],
     coefficients: int,
     most: int,
+    components: int,
 ) -> _Node:
     """``part`` of a leaf with its vectors, split as long as its parts are large enough."""
-    own = gram[np.ix_(part, part)]
-    size = len(part)
+    rows = _rows_of(part, components)
+    own = gram[np.ix_(rows, rows)]
+    size = len(rows)
     total = float(np.trace(own))
     values, vectors = eigh(own, subset_by_index=(max(0, size - most), size - 1), driver="evr")
     left_over = np.maximum(total - np.cumsum(np.maximum(values[::-1], 0.0)), 0.0)
@@ -252,9 +259,9 @@ def _tree(
         left_over[-1] = 0.0  # but for rounding
     parts: tuple[_Node, ...] = ()
     if size >= 2 * SMALLEST_PART and left_over[-1] > 0.0:
-        first = _two_means(features[part])
+        first = _two_means(features[part], SMALLEST_PART // components)
         parts = tuple(
-            _tree(part[side], gram, in_use, features, coefficients, most)
+            _tree(part[side], gram, in_use, features, coefficients, most, components)
             for side in (first, ~first)
         )
     return _Node(
@@ -266,14 +273,22 @@ def _tree(
     )
 
 
+def _rows_of(receivers: Ints, components: int) -> npt.NDArray[np.intp]:
+    """The rows (m * components,) of ``receivers`` (m,) of a leaf."""
+    rows = receivers.astype(np.intp)[:, None] * components + np.arange(components)
+    return rows.ravel()
+
+
 def _split_features(positions: Floats, normals: Floats) -> npt.NDArray[np.float64]:
     """(m, 6) what receivers of one part should have in common."""
     p = positions.astype(np.float64)
     return np.concatenate([p, NORMAL_WEIGHT * normals], axis=1)
 
 
-def _two_means(features: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """(m,) one of two groups by position and normal; halves along an axis if one gets too small."""
+def _two_means(features: npt.NDArray[np.float64], least: int) -> npt.NDArray[np.bool_]:
+    """(m,) one of two groups by position and normal; halves along an axis if one has fewer than
+    ``least``.
+    """
     x = features - features.mean(axis=0)
     x[:, :3] /= max(float(np.ptp(x[:, :3], axis=0).max()), 1e-30)
     _, axes = np.linalg.eigh(x.T @ x)
@@ -286,7 +301,7 @@ def _two_means(features: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
         before, first = first, np.square(x - a).sum(axis=1) < np.square(x - b).sum(axis=1)
         if (first == before).all():
             break
-    if SMALLEST_PART <= first.sum() <= len(x) - SMALLEST_PART:
+    if least <= first.sum() <= len(x) - least:
         return np.asarray(first)
     longest = int(np.argmax(np.ptp(features[:, :3], axis=0)))
     order = np.argsort(features[:, longest], kind="stable")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from gibench.arrays import Floats, Ints
 
 MAX_SH_ORDER = 7
+MAX_RECEIVER_ORDER = 1
 
 
 def sh_count(order: int) -> int:
@@ -51,12 +52,14 @@ class RelightSamples:
 class Cluster:
     """One CPCA cluster: transport rows of its receivers as reconstruction @ projection.
 
+    A receiver has a row for every component of its light (:class:`SrpBake`), one after the other.
+
     Attributes:
-        receivers: (m,) int32 receiver indices, at most 1024.
+        receivers: (m,) int32 receiver indices; at most 1024 rows.
         probes: (k,) int32 probes that matter to any of them, ascending; the stored columns are
             these probes' blocks of c coefficients.
         projection: (n, k * c) float32, Sigma V^T; n is 0 when the whole cluster is dark.
-        reconstruction: (m, n) float32, U.
+        reconstruction: (m * components, n) float32, U.
         error: relative Frobenius error of the coefficients, of dropped probes and truncation.
     """
 
@@ -71,6 +74,13 @@ class Cluster:
 class SrpBake:
     """All that SRP computes ahead.
 
+    The light at a receiver is irradiance at its own normal, W/m2, where its order is 0. Where it is
+    1 it has four components: irradiance at the receiver's normal n as order 1 tells it, and a
+    vector g, W/m2, of which any other normal m makes irradiance + g (m - n). These are radiance in
+    spherical harmonics of order 1 (Silvennoinen and Lehtinen 2017, equation 8) convolved with the
+    clamped cosine by the constants pi and 2 pi / 3 (Ramamoorthi and Hanrahan 2001): a quarter of
+    the integral of radiance, plus half of the integral of radiance times direction along m.
+
     Attributes:
         sh_order: order of the probes' spherical harmonics.
         probes: the probes.
@@ -78,6 +88,7 @@ class SrpBake:
         clusters: the clusters; together they hold every receiver exactly once.
         usable_share: share of receivers within reach of at least one probe they can use.
         overlap: mean number of probes that reach a receiver.
+        receiver_order: order of the light at the receivers, 0 or 1.
     """
 
     sh_order: int
@@ -86,11 +97,17 @@ class SrpBake:
     clusters: tuple[Cluster, ...] = field(repr=False)
     usable_share: float
     overlap: float
+    receiver_order: int = 0
 
     @property
     def coefficients(self) -> int:
         """SH coefficients per probe."""
         return sh_count(self.sh_order)
+
+    @property
+    def components(self) -> int:
+        """Of the light at a receiver."""
+        return sh_count(self.receiver_order)
 
     def transport_bytes(self, bytes_per_value: int) -> int:
         """Size of the projection and reconstruction matrices at a storage width."""

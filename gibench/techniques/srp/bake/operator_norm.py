@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import comb, pi
 from typing import Any
 
@@ -65,16 +66,17 @@ def operator_norm(
     Returns:
         (n,) the relative norm.
     """
+    settings = replace(settings, receiver_order=0)
     tracer = scene_tracer(scene)
     offset = surface_offset(scene)
     tables = None
     if settings.visibility == "cached" and settings.interpolation == "srp":
         tables = visibility_tables(scene, lightmap, probes, tracer, offset, seed)
     worker = TransportBaker(scene, lightmap, probes, settings, tracer, tables, seed).worker()
-    coefficients = sh_count(settings.sh_order)
+    coefficients = sh_count(settings.order)
     rng = np.random.default_rng([seed, 7])
     around = sphere_directions(directions, rng).astype(np.float32)
-    basis = sh_basis(settings.sh_order, around) * (4.0 * np.pi / directions)
+    basis = sh_basis(settings.order, around) * (4.0 * np.pi / directions)
     points, planes, escaped, back = _seen_by_probes(scene, probes, tracer, around)
     receivers = lightmap.receivers
     ideal = cosine_vector(receivers.normal)

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
 from gibench.errors import BadInput
-from gibench.techniques.srp.bake.data import MAX_SH_ORDER
+from gibench.techniques.srp.bake.data import (
+    MAX_RECEIVER_ORDER,
+    MAX_SH_ORDER,
+    sh_count,
+)
 
 Visibility = Literal["cached", "exact"]
 Interpolation = Literal["srp", "spatial", "visibility"]
+
+USUAL_ORDERS = (7, 4)
+"""SH order of the probes by the receivers' (Silvennoinen and Lehtinen 2017, sections 5 and 5.1)."""
 
 
 @dataclass(frozen=True)
@@ -27,14 +34,15 @@ class SrpBakeSettings:
             visibility (Bennett 2019, eq. 4.6); ``spatial`` blends by distance alone, in the
             receiver's own direction (eq. 4.3); ``visibility`` is that from the probes the receiver
             sees. The latter two are there to be compared with.
+        sh_order: never None once made.
     """
 
-    sh_order: int = field(
-        default=7,
+    sh_order: int | None = field(
+        default=None,
         metadata={
             "help": "order of the probes' spherical harmonics, 0 to 7; (order + 1)^2 coefficients "
-            "per probe: sharper indirect light for more time and memory "
-            "(Silvennoinen and Lehtinen 2017: 7)",
+            "per probe: sharper indirect light for more time and memory; if unset 7, or 4 where "
+            "receiver_order is 1 (Silvennoinen and Lehtinen 2017)",
             "unit": "",
             "axis": True,
             "title": "SH order",
@@ -117,18 +125,31 @@ class SrpBakeSettings:
             "unit": "",
         },
     )
+    receiver_order: int = field(
+        default=0,
+        metadata={
+            "help": "order of the light at the receivers: 0 is irradiance at their own normal, 1 "
+            "is irradiance at any normal, for normal maps and gloss, for four times the values of "
+            "a receiver (Silvennoinen and Lehtinen 2017, section 5.1)",
+            "unit": "",
+        },
+    )
 
     def __post_init__(self) -> None:
+        if not 0 <= self.receiver_order <= MAX_RECEIVER_ORDER:
+            raise BadInput(f"receiver_order is {self.receiver_order}", mend="use 0 or 1")
+        if self.sh_order is None:
+            object.__setattr__(self, "sh_order", USUAL_ORDERS[self.receiver_order])
         for name in ("relight_samples", "transport_rays", "cluster_size", "svd_vectors"):
             if getattr(self, name) < 1:
                 raise BadInput(f"{name} is {getattr(self, name)}", mend="use 1 or more")
         if self.probes is not None and self.probes < 1:
             raise BadInput(f"probes is {self.probes}", mend="use 1 or more")
-        if not 0 <= self.sh_order <= MAX_SH_ORDER:
+        if not 0 <= self.order <= MAX_SH_ORDER:
             raise BadInput(
-                f"SH order is {self.sh_order}; 0 to {MAX_SH_ORDER} are there",
+                f"SH order is {self.order}; 0 to {MAX_SH_ORDER} are there",
                 mend=f"use --sh-order {MAX_SH_ORDER} or less"
-                if self.sh_order > 0
+                if self.order > 0
                 else "use --sh-order 0 or more",
             )
         if not self.overlap > 0:
@@ -144,11 +165,27 @@ class SrpBakeSettings:
                 )
 
     @property
+    def order(self) -> int:
+        """Order of the probes' spherical harmonics."""
+        assert self.sh_order is not None
+        return self.sh_order
+
+    @property
+    def components(self) -> int:
+        """Of the light at a receiver."""
+        return sh_count(self.receiver_order)
+
+    @property
     def placement(self) -> tuple[object, ...]:
         """What the place of the probes depends on."""
         return self.probes, self.overlap
 
     @property
     def everything(self) -> tuple[object, ...]:
-        """What the compressed transport depends on: all there is."""
-        return astuple(self)
+        """What the compressed transport depends on: all there is. Of receivers of order 0 their
+        order is left out, so that bakes older than it are still found.
+        """
+        names = [item.name for item in fields(SrpBakeSettings)]
+        if not self.receiver_order:
+            names.remove("receiver_order")
+        return tuple(getattr(self, name) for name in names)

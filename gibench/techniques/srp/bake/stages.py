@@ -78,12 +78,12 @@ def srp_stages(given: Given, order: int | None = None) -> tuple[Stage, ...]:
     """
     probes, relight, visibility, transport = _highest(given)
     leaves, lowered = transport, tuple[Stage, ...]()
-    if order is not None and order != given.settings.sh_order:
-        if order > given.settings.sh_order:
-            raise ValueError(f"order {order} cannot be had from order {given.settings.sh_order}")
+    if order is not None and order != given.settings.order:
+        if order > given.settings.order:
+            raise ValueError(f"order {order} cannot be had from order {given.settings.order}")
         leaves = _lowered(given, transport, order)
         lowered = (leaves,)
-    order = given.settings.sh_order if order is None else order
+    order = given.settings.order if order is None else order
     needs = (probes, relight, leaves)
     whole = Stage(
         name="srp-bake",
@@ -117,7 +117,7 @@ def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
         format=Format(_write_probes, _read_probes),
         made_from=_made_from(given, probes=settings.probes, overlap=settings.overlap),
     )
-    order, samples = settings.sh_order, settings.relight_samples
+    order, samples = settings.order, settings.relight_samples
     relight = Stage(
         name="srp-relight",
         key=stage_key("srp-relight", RELIGHT_VERSION, order, samples, needs=(probes,)),
@@ -138,7 +138,9 @@ def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
         made_from=_made_from(given),
     )
     needs = (probes, relight, *((visibility,) if settings.visibility == "cached" else ()))
-    members = aabb_clusters(lightmap.receivers.position, settings.cluster_size)
+    # Rows count, not receivers: what compression takes grows with the cube of them.
+    most = max(1, settings.cluster_size // settings.components)
+    members = aabb_clusters(lightmap.receivers.position, most)
     transport = Stage(
         name="srp-transport",
         key=stage_key("srp-transport", TRANSPORT_VERSION, settings.everything, needs=needs),
@@ -200,7 +202,7 @@ def _relight(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) ->
         given.lightmap,
         probes,
         scene_tracer(given.scene),
-        sh_order=given.settings.sh_order,
+        sh_order=given.settings.order,
         count=given.settings.relight_samples,
         seed=given.seed,
     )
@@ -249,6 +251,7 @@ def _transport(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) 
         light=light.columns(rows.probes),
         most=settings.svd_vectors,
         threshold=settings.svd_threshold,
+        components=settings.components,
     )
     return Leaf(tuple(clusters), int((rows.valid > 0).sum()))
 
@@ -260,7 +263,7 @@ def _lower(
     leaf: Leaf = needed[0][unit.index]
     lowered = lower_clusters(
         leaf.clusters,
-        before=settings.sh_order,
+        before=settings.order,
         order=order,
         most=settings.svd_vectors,
         threshold=settings.svd_threshold,
@@ -281,6 +284,7 @@ def _assemble(
         clusters=tuple(cluster for leaf in leaves for cluster in leaf.clusters),
         usable_share=sum(leaf.usable for leaf in leaves) / max(1, len(receivers)),
         overlap=mean_overlap(probes, receivers.position),
+        receiver_order=of.settings.receiver_order,
     )
 
 

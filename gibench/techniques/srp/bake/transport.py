@@ -17,6 +17,7 @@ import numpy.typing as npt
 from gibench.arrays import Floats, Ints
 from gibench.device import (
     Argument,
+    Buffer,
     Define,
     Device,
     Launch,
@@ -53,7 +54,8 @@ class TransportRows(NamedTuple):
 
     Attributes:
         probes: (k,) int32 probes any of them uses, ascending.
-        matrix: (m, k * c) float32: alpha_ij of the probes' blocks of c coefficients.
+        matrix: (m * components, k * c) float32: alpha_ij of the probes' blocks of c coefficients,
+            a receiver's components one after the other.
         valid: (m,) int32 valid samples of each receiver; 0 where no probe can be used, or where so
             few are valid that the receiver is left dark (``least_valid``).
     """
@@ -109,13 +111,15 @@ class TransportBaker:
         self.tracer = tracer
         self.offset = surface_offset(scene)
         self.table_receivers = len(lightmap.receivers) if tables else 0
-        self.coefficients = sh_count(settings.sh_order)
+        self.coefficients = sh_count(settings.order)
+        self.components = settings.components
         self.device = Device.unlimited(cl_device)
         self.vector = vector or self.device.vector_width
         self.stride = -(-settings.transport_rays // self.vector) * self.vector
         defines: dict[str, Define] = {
             "VEC": self.vector,
-            "SH_ORDER": settings.sh_order,
+            "SH_ORDER": settings.order,
+            "COMPONENTS": self.components,
             "PROBES": len(probes),
             "GRID": tables.grid if tables else 0,
         }
@@ -164,18 +168,20 @@ class TransportWorker:
         c = self.baker.coefficients
         pairs = nearby(self.baker.lightmap.receivers.position[receivers], self.baker.probes)
         used = np.unique(pairs.probe)
-        matrix = np.zeros((len(receivers), len(used), c), np.float32)
+        parts = self.baker.components
+        matrix = np.zeros((len(receivers), parts, len(used), c), np.float32)
         valid = np.zeros(len(receivers), np.int32)
         for chunk in self._chunks(pairs):
             part = pairs.part(chunk)
             if len(part.probe):
                 transport, valid[chunk] = self._chunk(receivers[chunk], part)
                 column = np.searchsorted(used, part.probe)
-                matrix[part.receiver + chunk.start, column] = transport
+                matrix[part.receiver + chunk.start, :, column] = transport
         few = valid < self.baker.settings.least_valid * self.baker.settings.transport_rays
         matrix[few] = 0.0
         valid[few] = 0
-        return TransportRows(used.astype(np.int32), matrix.reshape(len(receivers), -1), valid)
+        flat = matrix.reshape(len(receivers) * parts, -1)
+        return TransportRows(used.astype(np.int32), flat, valid)
 
     def primary_rays(self, receivers: Ints) -> PrimaryRays:
         """The rays that :meth:`rows` traces from ``receivers`` (m,).
@@ -233,7 +239,7 @@ class TransportWorker:
         return origins, self._scratch.fetch(self._scratch["directions"], shape, np.float32)
 
     def _chunk(self, receivers: Ints, pairs: Nearby) -> tuple[Floats, Ints]:
-        """Coefficients (q, c) of the pairs and valid samples (m,) of ``receivers``."""
+        """Coefficients (q, components, c) of the pairs and valid samples (m,) of ``receivers``."""
         baker, stride, count = self.baker, self.baker.stride, len(receivers)
         of_samples = self._decisions
         if baker.settings.interpolation != "srp":
@@ -245,7 +251,8 @@ class TransportWorker:
         hits, visible = scratch["hits"], scratch["visible"]
         inverse = self._scratch.room("inverse", 4 * count * stride)
         valid = self._scratch.room("valid", 4 * count)
-        transport = self._scratch.room("transport", 4 * len(pairs.probe) * baker.coefficients)
+        shape = (len(pairs.probe), baker.components, baker.coefficients)
+        transport = self._scratch.room("transport", 4 * int(np.prod(shape)))
         self._run(
             "transport_weights",
             count,
@@ -255,9 +262,12 @@ class TransportWorker:
             writes("inverse", inverse),
             writes("valid_samples", valid),
         )
+        linear: list[Argument] = []
+        if baker.components > 1:
+            linear = [reads("linear", self._linear(receivers))]
         self._run(
             "transport_accumulate",
-            len(pairs.probe),
+            (len(pairs.probe), baker.components),
             reads("pair_receiver", self._scratch.send("pair_receiver", pairs.receiver)),
             reads("pair_probe", probe),
             reads("pair_weight", weight),
@@ -266,15 +276,29 @@ class TransportWorker:
             reads("visible", visible),
             reads("inverse", inverse),
             reads("valid_samples", valid),
+            *linear,
             writes("transport", transport),
         )
-        shape = (len(pairs.probe), baker.coefficients)
         out = (
             self._scratch.fetch(transport, shape, np.float32),
             self._scratch.fetch(valid, (count,), np.int32),
         )
         self.clock.add("accumulate", now, states.size)
         return out
+
+    def _linear(self, receivers: Ints) -> Buffer:
+        """What the last three components weigh each sample with, of the rays last generated."""
+        baker = self.baker
+        linear = self._scratch.room("linear", 12 * len(receivers) * baker.stride)
+        self._run(
+            "transport_linear",
+            (-(-baker.stride // BLOCK), len(receivers)),
+            reads("receivers", self._scratch["receivers"]),
+            *self._shared("normals"),
+            reads("directions", self._scratch["directions"]),
+            writes("linear", linear),
+        )
+        return linear
 
     def _decisions(self, receivers: Ints, pairs: Nearby) -> npt.NDArray[np.uint8]:
         """(q, stride) whether each sample is mutually visible; also left on the device."""
