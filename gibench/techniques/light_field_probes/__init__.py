@@ -20,6 +20,8 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
         distance_sharpness=settings.filter_sharpness,
         surface_bias=settings.surface_bias,
         visibility_bias=settings.visibility_bias,
+        rays=settings.bounce_rays,
+        denoise=settings.denoise if settings.bounce_rays else 0,
     )
     return probe_stages(LightFieldProbes.name, context, asked)
 

@@ -1,8 +1,9 @@
 """The light of probes that are lit once: direct light, then bounce by bounce.
 
 What a map's texel sends to its probe is what is emitted there and what is reflected: albedo / pi
-times direct light with shadow rays and, from the second bounce on, the irradiance that the probes
-hold for the place, interpolated and tested as in a frame.
+times direct light with shadow rays and, from the second bounce on, what random rays find
+(``bounced.py``) or the irradiance that the probes hold for the place, interpolated and tested as in
+a frame.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ from gibench.progress import progress
 from gibench.rays.offset import surface_offset
 from gibench.rays.tracer import RayTracer
 from gibench.scene.model import DirectionalLight, Light, Scene, SpotLight
+from gibench.techniques.parts.captured_probes.bounced import RayGather, bounced_radiance
 from gibench.techniques.parts.captured_probes.maps import (
     bilinear,
     texel_directions,
     texel_solid_angles,
 )
+from gibench.techniques.parts.captured_probes.points import Points, points_of
 from gibench.techniques.parts.captured_probes.resample import ProbeMaps, Resampling
 from gibench.techniques.parts.probe_volume import Volume
 
@@ -32,21 +35,6 @@ SETTLED = 1e-4
 """Any number of bounces ends where the last adds less than this share of the light."""
 _SHORT_OF_LIGHT = 0.9999  # kernels_cl/common/lights.cl, SHADOW_RAY_SHARE
 _ROWS = 2048  # of the cosine matrix at once
-
-
-@dataclass(frozen=True)
-class Points:
-    """Points of surfaces.
-
-    Attributes:
-        position: (n, 3) m.
-        geometric: (n, 3) unit normals of their fronts.
-        normal: (n, 3) unit shading normals.
-    """
-
-    position: Doubles = field(repr=False)
-    geometric: Doubles = field(repr=False)
-    normal: Doubles = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -62,22 +50,6 @@ class Visibility:
     moments: Floats = field(repr=False)
     far: float
     bias: float
-
-
-def points_of(scene: Scene, maps: ProbeMaps) -> tuple[npt.NDArray[np.int64], Points]:
-    """The texels (n,) that show fronts, and where."""
-    shown = np.flatnonzero(maps.triangle >= 0)
-    triangle = maps.triangle[shown]
-    u, v = maps.barycentric[shown].astype(np.float64).T
-    weights = np.stack([1 - u - v, u, v], axis=1)
-    corners = scene.corners[triangle].astype(np.float64)
-    normals = scene.normals[scene.triangles[triangle]].astype(np.float64)
-    geometric = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return shown, Points(
-        np.einsum("nk,nkx->nx", weights, corners),
-        _unit(geometric),
-        _unit(np.einsum("nk,nkx->nx", weights, normals)),
-    )
 
 
 def direct_irradiance(
@@ -207,6 +179,19 @@ def filtered_moments(moments: Floats, side: int, sharpness: float) -> Floats:
     return np.stack([resampling.apply(own) for own in moments]).astype(np.float32)
 
 
+@dataclass(frozen=True)
+class Lit:
+    """The light of probes that are lit once.
+
+    Attributes:
+        irradiance: (p, t, 3) W/m2.
+        radiance: (p, t, 3) that it is the integral of, W/m2/sr.
+    """
+
+    irradiance: Floats = field(repr=False)
+    radiance: Floats = field(repr=False)
+
+
 def lit_once(
     scene: Scene,
     lights: Sequence[Light],
@@ -218,8 +203,9 @@ def lit_once(
     bounces: int | None,
     surface_bias: float,
     visibility: Visibility | None,
-) -> Floats:
-    """Irradiance maps (p, t, 3) of probes, W/m2.
+    rays: RayGather | None = None,
+) -> Lit:
+    """Light probes.
 
     Args:
         scene: the scene.
@@ -232,38 +218,50 @@ def lit_once(
         bounces: of indirect light; None for any number.
         surface_bias: how far off its surface a point is looked at, m.
         visibility: of the probes, where they are tested.
+        rays: that further bounces are gathered by; None: from the probes' irradiance.
     """
-    probes, texels = volume.probes, side**2
     albedo = np.stack([own.albedo for own in maps]).reshape(-1, 3)
-    emission = np.stack([own.emission for own in maps]).reshape(-1, 3)
-    direct = np.zeros((probes * texels, 3), np.float32)
-    shown, found = [], []
-    for number, own in enumerate(maps):
-        texel, at = points_of(scene, own)
-        direct[number * texels + texel] = direct_irradiance(scene, lights, tracer, at)
-        shown.append(number * texels + texel)
-        found.append(at)
-    first = emission + albedo / np.float32(np.pi) * direct
-    light = filtered_irradiance(first.reshape(probes, texels, 3), side)
-    most = MOST_BOUNCES if bounces is None else bounces
-    if most == 1:
-        return light
-    with progress("Lighting probes, bounce by bounce", most - 1) as advance:
+    first, shown, found = _first(scene, lights, tracer, maps, side)
+    most = (MOST_BOUNCES if bounces is None else bounces) - 1
+    settled = SETTLED if bounces is None else 0.0
+    if rays is not None and most > 0:
+        radiance = bounced_radiance(
+            scene, tracer, maps, volume, usable, side, first, most, settled, rays
+        )
+        return Lit(filtered_irradiance(radiance, side), radiance)
+    light, radiance = filtered_irradiance(first, side), first
+    if most == 0:
+        return Lit(light, radiance)
+    with progress("Lighting probes, bounce by bounce", most) as advance:
         gathers = [
             gather_matrix(volume, usable, side, at, surface_bias, visibility) for at in found
         ]
-        for _ in range(most - 1):
+        for _ in range(most):
             before, radiance = light, first.copy()
-            flat = before.reshape(-1, 3)
+            flat, sent = before.reshape(-1, 3), radiance.reshape(-1, 3)
             for texel, matrix in zip(shown, gathers, strict=True):
-                radiance[texel] += albedo[texel] / np.float32(np.pi) * (matrix @ flat)
-            light = filtered_irradiance(radiance.reshape(probes, texels, 3), side)
+                sent[texel] += albedo[texel] / np.float32(np.pi) * (matrix @ flat)
+            light = filtered_irradiance(radiance, side)
             advance(1)
             change = float(np.abs(light - before)[usable].sum())
-            if bounces is None and change <= SETTLED * float(light[usable].sum()):
+            if change <= settled * float(light[usable].sum()):
                 break
-    return light
+    return Lit(light, radiance)
 
 
-def _unit(vectors: Doubles) -> Doubles:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+def _first(
+    scene: Scene, lights: Sequence[Light], tracer: RayTracer, maps: Sequence[ProbeMaps], side: int
+) -> tuple[Floats, list[npt.NDArray[np.int64]], list[Points]]:
+    """Radiance (p, t, 3) that is emitted or reflects direct light; each probe's texels that show
+    fronts, as rows of all maps together; and where.
+    """
+    probes, texels = len(maps), side**2
+    direct = np.zeros((probes, texels, 3), np.float32)
+    shown, found = [], []
+    for number, own in enumerate(maps):
+        texel, at = points_of(scene, own)
+        light = direct_irradiance(scene, lights, tracer, at)
+        direct[number, texel] = own.albedo[texel] / np.float32(np.pi) * light
+        shown.append(number * texels + texel)
+        found.append(at)
+    return np.stack([own.emission for own in maps]) + direct, shown, found

@@ -43,6 +43,21 @@ def border_sources(side: int) -> Longs:
     return np.asarray(np.clip(r, 0, side - 1) * side + np.clip(c, 0, side - 1), np.int64)
 
 
+def wrapped_texels(side: int, radius: int) -> Longs:
+    """The texels (side^2, (2 radius + 1)^2) around every texel, row by row, the map going on beyond
+    its edges as :func:`border_sources` has it.
+    """
+    row, column = (a.ravel()[:, None] for a in np.indices((side, side)))
+    step = np.arange(-radius, radius + 1)
+    down, right = (a.ravel() for a in np.meshgrid(step, step, indexing="ij"))
+    r, c = row + down, column + right
+    over_r, over_c = ((a < 0) | (a >= side) for a in (r, c))
+    # Beyond an edge as far again inside it, on the other side of the edge's middle.
+    r1, c1 = (np.where(a < 0, -1 - a, np.where(a >= side, 2 * side - 1 - a, a)) for a in (r, c))
+    r, c = np.where(over_c, side - 1 - r1, r1), np.where(over_r, side - 1 - c1, c1)
+    return np.asarray(np.clip(r, 0, side - 1) * side + np.clip(c, 0, side - 1), np.int64)
+
+
 def bordered(maps: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
     """Maps (p, side^2, c) with their borders, (p, side + 2, side + 2, c)."""
     return maps[:, border_sources(side)].reshape(len(maps), side + 2, side + 2, -1)

@@ -13,6 +13,7 @@ from gibench.arrays import Floats
 from gibench.bake.stage import Arrays, Format, Keep, Stage, Unit, stage_key
 from gibench.rays.embree import scene_tracer
 from gibench.scene.model import ProbeSettings, Scene
+from gibench.techniques.parts.captured_probes.bounced import RayGather
 from gibench.techniques.parts.captured_probes.capture import capture, cube_directions
 from gibench.techniques.parts.captured_probes.lighting import (
     Visibility,
@@ -27,7 +28,8 @@ from gibench.techniques.registry import BakeContext
 from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
-MAPS_VERSION = LIGHT_VERSION = 2
+MAPS_VERSION = 2
+LIGHT_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,9 @@ class Asked:
             not.
         surface_bias: how far off its surface a point is looked at, m.
         visibility_bias: taken off its distance, m.
+        rays: of a texel and bounce that further bounces are gathered by; 0: from the probes'
+            irradiance.
+        denoise: radius of the filter that smooths what they find, texels.
     """
 
     scene: Scene
@@ -48,6 +53,8 @@ class Asked:
     distance_sharpness: float | None
     surface_bias: float
     visibility_bias: float
+    rays: int = 0
+    denoise: int = 0
 
     @property
     def volume(self) -> Volume:
@@ -123,6 +130,8 @@ def probe_stages(name: str, context: BakeContext, asked: Asked) -> tuple[Stage, 
                 asked.distance_sharpness,
                 asked.surface_bias,
                 asked.visibility_bias,
+                asked.rays,
+                asked.denoise,
                 needs=needs,
             ),
             compute=_light,
@@ -173,7 +182,10 @@ def _light(
         moments = np.stack([own.moments for own in maps])
         distance = filtered_moments(moments, settings.map_texels, asked.distance_sharpness)
         visibility = Visibility(distance, far_plane(volume), asked.visibility_bias)
-    light = lit_once(
+    rays = None
+    if asked.rays:
+        rays = RayGather(asked.rays, asked.denoise, asked.visibility_bias, far_plane(volume))
+    lit = lit_once(
         scene,
         scene.lights_at(0),
         scene_tracer(scene),
@@ -184,8 +196,9 @@ def _light(
         bounces=settings.bounce_count,
         surface_bias=asked.surface_bias,
         visibility=visibility,
+        rays=rays,
     )
-    return light, distance
+    return lit.irradiance, distance
 
 
 def _whole(asked: Asked, needed: Sequence[Any], unit: Unit, worker: Worker) -> CapturedProbes:

@@ -19,6 +19,7 @@ from gibench.scene.glow import Glow
 from gibench.scene.model import Environment, Material
 from gibench.techniques.parts.captured_probes import lighting, maps
 from gibench.techniques.parts.captured_probes.capture import capture, cube_directions
+from gibench.techniques.parts.captured_probes.points import Points
 from gibench.techniques.parts.captured_probes.resample import Resampling, resampled
 from gibench.techniques.parts.captured_probes.settings import texel_sharpness
 from gibench.techniques.registry import BakeContext, find_technique
@@ -184,7 +185,7 @@ def test_direct_light_is_that_of_every_kind_of_light(rng):
     weights = rng.dirichlet((1, 1, 1), 300)
     triangle = rng.integers(0, 70, 300)
     at = octahedral.surface(scene, triangle, weights[:, 1], weights[:, 2])
-    points = lighting.Points(at.position, at.geometric, at.normal)
+    points = Points(at.position, at.geometric, at.normal)
     expected = traced_irradiance(scene, 0, at.position, at.normal, at.geometric)
     found = lighting.direct_irradiance(
         scene, scene.lights_at(0), EmbreeTracer(scene.corners), points
