@@ -14,6 +14,7 @@ import numpy.typing as npt
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.parts.conformance.shading import (
+    STEP_BACK,
     bilinear,
     direct_irradiance,
     surface,
@@ -240,7 +241,7 @@ def shade(
     hit = np.flatnonzero(triangle >= 0)
     f = surface(scene, triangle[hit], u[hit], v[hit])
     front = np.einsum("ij,ij->i", f.geometric, direction[hit]) < 0
-    lit = direct_irradiance(scene, frame, f.position, f.normal, f.geometric)
+    lit = direct_irradiance(scene, frame, f.position, f.normal, f.geometric, STEP_BACK)
     bias = bias_of(s, f.geometric, -direction[hit])
     indirect, inside = gather(s, f.position, bias, f.normal)
     sent = f.emission + f.albedo / np.pi * (lit.irradiance + indirect)

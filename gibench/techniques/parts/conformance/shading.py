@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,9 @@ from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, DirectionalLight, Light, PointLight, Scene, SpotLight
 
 Array = npt.NDArray[Any]
+
+# The light at a hit is gathered so many roundings back along its ray (sampling.cl, back_along_ray).
+STEP_BACK = 256
 
 
 def light_gain(light: Light, position: Array) -> tuple[Array, Array, Array]:
@@ -40,14 +44,32 @@ class Lit:
     """Direct light at points."""
 
     irradiance: Array  # (n, 3)
-    certain: Array  # (n,) no shadow ray passes within a hair of an edge
+    certain: Array  # (n,) no edge within a hair of a shadow ray, nor a light that a hair changes
     rays: Array  # (n,) shadow rays it takes: lights that the surface faces and that reach it
 
 
+def unshadowed(lights: Sequence[Light], position: Array, normal: Array) -> Array:
+    """Irradiance (n, 3) at points (n, 3) that nothing shadows."""
+    total = np.zeros((len(position), 3))
+    for light in lights:
+        towards, _, gain = light_gain(light, position)
+        total += np.maximum(np.einsum("ij,ij->i", normal, towards), 0)[:, None] * gain
+    return total
+
+
 def direct_irradiance(
-    scene: Scene, frame: int, position: Array, normal: Array, geometric: Array
+    scene: Scene,
+    frame: int,
+    position: Array,
+    normal: Array,
+    geometric: Array,
+    roundings: float = 0,
 ) -> Lit:
-    """Direct light at points (n, 3) with shading and geometric normals."""
+    """Direct light at points (n, 3) with shading and geometric normals.
+
+    ``roundings``: how far off a point kernels may gather its light, in units in the last place of
+    its largest coordinate. Where that moves the light, it is not certain.
+    """
     tracer = EmbreeTracer(scene.corners)
     position = np.asarray(position, np.float64)
     total = np.zeros((len(position), 3))
@@ -76,6 +98,11 @@ def direct_irradiance(
         certain &= np.all(answers[0] == np.array(answers), axis=0)
         rays += facing & (np.broadcast_to(gain, total.shape).sum(axis=1) > 0)
         total += np.where(facing & ~answers[0], cosine, 0.0)[:, None] * gain
+    step = roundings * 2.0**-23 * np.abs(position).max(axis=1, keepdims=True)
+    here = unshadowed(scene.lights_at(frame), position, normal)
+    for way in (*np.eye(3), *-np.eye(3)):
+        there = unshadowed(scene.lights_at(frame), position + step * way, normal)
+        certain &= (np.abs(there - here) <= 1e-5 + 2e-4 * total).all(axis=1)
     return Lit(total, certain, rays)
 
 
@@ -267,21 +294,15 @@ def render(
         return found, np.where(front & placed[:, None], reflected, 0)
 
     def unoccluded(found: Surface) -> Array:
-        lit = np.zeros((len(hit), 3))
-        for light in scene.lights_at(frame):
-            towards, _, gain = light_gain(light, found.position)
-            lit += np.maximum(np.einsum("ij,ij->i", found.normal, towards), 0)[:, None] * gain
+        lit = unshadowed(scene.lights_at(frame), found.position, found.normal)
         return np.where(front, found.emission + found.albedo / np.pi * lit, 0)
 
     found, indirect[hit] = seen(plane.u, plane.v)
-    lit = direct_irradiance(scene, frame, found.position, found.normal, normal)
+    lit = direct_irradiance(scene, frame, found.position, found.normal, normal, STEP_BACK)
     certain[hit] &= lit.certain | ~front[:, 0]
     direct[hit] = np.where(front, found.emission + found.albedo / np.pi * lit.irradiance, 0)
-    # Kernels take light up to 256 roundings back along the ray (sampling.cl, back_along_ray).
-    back = 256 * 2.0**-23 * np.abs(found.position).max(axis=1, keepdims=True) * d[hit]
-    for du, dv, step in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1)):
+    for du, dv in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         moved, looked_up = seen(plane.u + du * plane.slack_u, plane.v + dv * plane.slack_v)
-        moved.position -= step * back
         for value, other in (
             (unoccluded(found), unoccluded(moved)),
             (indirect[hit], looked_up),
