@@ -43,7 +43,7 @@ def randomise(technique, rng):
     """Random states and maps with true borders."""
     held, device = technique.probes, technique.device
     data = device.read(held.placed.data)
-    data[:, 3] = rng.choice([0, 1, USABLE, USABLE], len(data))
+    data[:, 3] = rng.permutation(np.resize([0, 1, USABLE, USABLE], len(data)))
     device.write(held.placed.data, data)
     device.write(held.irradiance, bordered(rng.uniform(0.1, 2.0, held.irradiance.shape)))
     if held.distance is not None:
@@ -77,6 +77,16 @@ def gather(technique, position, geometric, normal):
         total += share[:, None] * lookup(maps[probe], normal)[:, :3]
         weights += share
     return np.where(weights[:, None] > 0, total / np.maximum(weights, 1e-300)[:, None], 0.0)
+
+
+def within_reach(technique, position, geometric):
+    """Points (n,) not within a thousandth of where a probe's trilinear share begins or ends, where
+    single precision knows little of the share."""
+    held, settings = technique.probes, technique._settings
+    volume = held.baked.volume
+    point = position + (settings.surface_bias if held.distance is not None else 0.0) * geometric
+    cells = np.abs(point[:, None] - volume.positions) / np.array(volume.spacing)
+    return (np.abs(1 - cells) > 1e-3).all(axis=(1, 2))
 
 
 def chebyshev(distance, bias, mean, square):

@@ -42,7 +42,8 @@ from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
 HIERARCHY_VERSION = ATLAS_VERSION = LINKS_VERSION = 1
-SURFELS_VERSION = CACHES_VERSION = 2
+CACHES_VERSION = 2
+SURFELS_VERSION = 3
 
 # Caches of a unit of links: some seconds of work at full size.
 _UNIT_CACHES = 64

@@ -11,12 +11,15 @@ from scipy.stats import qmc
 from gibench.arrays import Doubles, Ints, Longs
 from gibench.errors import BadInput
 from gibench.rays.tracer import NO_HIT, RayTracer
+from gibench.scene.cutouts import Bools, Cutouts
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.surfel_cache.bake.data import SurfelSet
 
 # Attempts to find a point of a triangle with cut-outs where there is surface.
-_TRIES = 64
+_TRIES = 256
+# A triangle where none of so many points is there counts for nothing.
+_PROBES = 64
 # Relaxation looks at so many neighbours; a point of a regular triangular lattice has six.
 _NEIGHBOURS = 8
 # A surfel moves by at most this share of the spacing in one step.
@@ -36,8 +39,19 @@ def surface_areas(scene: Scene, lightmap: Lightmap) -> Doubles:
         left = np.bincount(
             lightmap.fragments.triangle, lightmap.fragments.area, minlength=len(area)
         )
-        area[cut] = np.minimum(area[cut], left[cut])
+        area[cut] = np.minimum(area[cut], left[cut]) * _partly_there(scene.cutouts)
     return np.asarray(area)
+
+
+def _partly_there(cutouts: Cutouts) -> Bools:
+    """Which triangles with cut-outs (k,) are not wholly cut away."""
+    u, v = _in_triangle(qmc.Halton(d=2, scramble=False).random(_PROBES + 1)[1:]).T
+    found = np.zeros(len(cutouts.triangle), np.bool_)
+    for one, other in zip(u.astype(np.float32), v.astype(np.float32), strict=True):
+        todo = np.flatnonzero(~found)
+        at = (np.full(len(todo), one), np.full(len(todo), other))
+        found[todo] = cutouts.there(todo, *at)
+    return found
 
 
 def sample_surface(scene: Scene, areas: Doubles, count: int) -> SurfelSet:
