@@ -64,21 +64,24 @@ def _of(context: Context, scene: str, technique: str, **settings: Any) -> Job:
 
 
 def _points(context: Context) -> Iterator[Point]:
+    """Small ones of every scene first: whoever breaks off has those."""
     sizes = [(4, 8)] if context.quick else [(p, s) for p in _PROBES for s in _SIDES]
-    for name in context.scene_or(*_SCENES):
-        scene = context.site.standing().scene(name).name
+    names = context.scene_or(*_SCENES)
+    scenes = {name: context.site.standing().scene(name).name for name in names}
 
-        def point(job: Job, technique: str, *rest: Any, scene: str = scene) -> Point:
-            return Point(dict(zip(_KEYS, (scene, technique, *rest), strict=True)), job)
+    def point(job: Job, *key: Any) -> Point:
+        return Point(dict(zip(_KEYS, key, strict=True)), job)
 
-        for probes, side in sizes:
-            for technique in (_IRRADIANCE, _LIGHT_FIELD):
-                job = _job(context, name, technique, probes, side, "any")
-                yield point(job, technique, probes, side, "any")
+    for name, scene in scenes.items():
         probes, side = (4, 8) if context.quick else (16, 128)
         job = _job(context, name, _IRRADIANCE, probes, side, "1")
-        yield point(job, _IRRADIANCE, probes, side, "1")
-        yield point(_of(context, name, "ddgi"), "ddgi", 0, 0, "any")
+        yield point(job, scene, _IRRADIANCE, probes, side, "1")
+        yield point(_of(context, name, "ddgi"), scene, "ddgi", 0, 0, "any")
+    for probes, side in sizes:
+        for name, scene in scenes.items():
+            for technique in (_IRRADIANCE, _LIGHT_FIELD):
+                job = _job(context, name, technique, probes, side, "any")
+                yield point(job, scene, technique, probes, side, "any")
 
 
 def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:

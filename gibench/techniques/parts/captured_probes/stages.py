@@ -99,10 +99,11 @@ def probe_stages(name: str, context: BakeContext, asked: Asked) -> tuple[Stage, 
     scene, settings, volume = asked.scene, asked.settings, asked.volume
     # Neither lights nor cameras are in a G-buffer.
     unlit = replace(scene, lights=(), cameras=(), probes=ProbeSettings())
+    # The same for every technique of captured probes.
     maps = Stage(
-        name=f"{name}-maps",
+        name="captured-maps",
         key=stage_key(
-            f"{name}-maps",
+            "captured-maps",
             MAPS_VERSION,
             unlit.content_hash(),
             volume,

@@ -269,18 +269,29 @@ def test_stages_resume_and_their_copies_bake_the_same(name, tmp_path):
     scene = replace(scene, environment=Environment.constant((0.2, 0.3, 0.4)))
     spec = find_technique(name)
     stages = spec.stages(BakeContext(scene, lightmap, spec.settings(settings), tmp_path))
-    assert [one.name for one in stages] == [f"{name}-{n}" for n in ("maps", "light", "probes")]
+    assert [one.name for one in stages] == ["captured-maps", f"{name}-light", f"{name}-probes"]
     assert len(stages[0].pieces) == 12
     first = run_bake(stages, tmp_path / "one")
     (light,) = tmp_path.glob(f"one/{name}-light-*/*.bin")
-    (lost,) = tmp_path.glob(f"one/{name}-maps-*/probe-00007.bin")
+    (lost,) = tmp_path.glob("one/captured-maps-*/probe-00007.bin")
     light.unlink(), lost.unlink()
     report = BakeReport()
     again = run_bake(pickle.loads(pickle.dumps(stages)), tmp_path / "one", Serial(), report)
-    told = report.stages[f"{name}-maps"]
+    told = report.stages["captured-maps"]
     assert (told.baked, told.loaded) == (1, 11)
     np.testing.assert_array_equal(first.irradiance, again.irradiance)
     assert (first.distance is None) == (name == "irradiance-probes")
+
+
+def test_techniques_share_their_maps(tmp_path):
+    scene, lightmap = empty_room(side=2)
+    keys = []
+    for name in NAMES:
+        spec = find_technique(name)
+        chosen = spec.settings({**SMALL, "update": "static"})
+        stages = spec.stages(BakeContext(scene, lightmap, chosen, tmp_path))
+        keys.append([one.key for one in stages])
+    assert keys[0][0] == keys[1][0] and keys[0][1] != keys[1][1]
 
 
 @pytest.mark.parametrize("name", NAMES)
