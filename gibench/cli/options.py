@@ -95,6 +95,17 @@ Variants = Annotated[
         rich_help_panel=GRID,
     ),
 ]
+Layouts = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--layout",
+        metavar="wide|simt",
+        help="How tuned kernels are shaped, by default as the device prefers. wide: explicit "
+        "vectors, as PoCL on a CPU wants; simt: neighbouring work-items on neighbouring "
+        "addresses, as GPUs do.",
+        rich_help_panel=GRID,
+    ),
+]
 ShOrders = Annotated[
     list[int] | None,
     typer.Option(

@@ -17,6 +17,7 @@ def run(
     scene: options.Scenes = ["cornell-box"],  # noqa: B006
     technique: options.TechniquesOrAll = None,
     variant: options.Variants = ["tuned"],  # noqa: B006
+    layout: options.Layouts = None,
     sh_order: options.ShOrders = None,
     probes: options.Probes = None,
     receivers: options.ReceiverCounts = None,
@@ -151,6 +152,7 @@ def run(
         scene=scene,
         technique=technique,
         variant=variant,
+        layout=layout,
         sh_order=sh_order,
         probes=probes,
         receivers=receivers,

@@ -14,6 +14,7 @@ from gibench.commands.frame_traces import trace_frame
 from gibench.device import Device
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
+from gibench.measure.plan.grid import with_layouts
 from gibench.measure.session.enqueue import PreparedPass
 from gibench.measure.session.session import Session, check_job
 from gibench.measure.session.shared import Shared
@@ -55,6 +56,7 @@ def explain(
     kernel: asked.Texts = (),
     arg: Sequence[str] = (),
     items: int | None = None,
+    layout: asked.Texts | None = None,
     sh_order: asked.Numbers = None,
     probes: asked.Numbers = None,
     receivers: asked.Numbers = None,
@@ -89,6 +91,7 @@ def explain(
     if not files or names:
         jobs = asked.jobs_of(given)
     cl_device = select_cl_device(None)
+    jobs = with_layouts(jobs, cl_device)
     shared = Shared(asked.cache_folder(cache_dir), seed)
     for job in jobs:
         check_job(job, shared)
@@ -137,7 +140,7 @@ def _kernels(texts: Sequence[str]) -> tuple[list[tuple[Path, str]], list[str]]:
 
 
 def _own_row(request: TraceRequest, profile: DeviceProfile) -> Row:
-    row: Row = {"technique": "", "variant": "", "scene": "", "profile": profile.name}
+    row: Row = {"technique": "", "variant": "", "layout": "", "scene": "", "profile": profile.name}
     row |= {"pass": request.label, "kernel": request.kernel, "launch": 0, "frame": 0}
     return row | _outcome(_traced(request, profile), profile, 0.0)
 
@@ -196,6 +199,7 @@ def _head(job: Job, session: Session, item: PreparedPass, frame: int) -> Row:
     return {
         "technique": job.technique,
         "variant": job.variant,
+        "layout": job.layout or "",
         "scene": session.world.scene.name,
         "profile": job.profile.name,
         "pass": item.name,

@@ -14,7 +14,7 @@ from gibench.commands import asked
 from gibench.commands.run_files import tables_of, write_tables
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted, printable
-from gibench.measure.plan.grid import job_label
+from gibench.measure.plan.grid import job_label, with_layouts
 from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.plan.stopping import Patience, Plan
 from gibench.measure.run import Measured, verdict
@@ -81,6 +81,7 @@ def run(
     scene: asked.Texts = ("cornell-box",),
     technique: asked.Texts | None = None,
     variant: asked.Texts = ("tuned",),
+    layout: asked.Texts | None = None,
     sh_order: asked.Numbers = None,
     probes: asked.Numbers = None,
     receivers: asked.Numbers = None,
@@ -135,6 +136,7 @@ def run(
     projected_on = _projected_on(asked.several(project))
     jobs = asked.jobs_of(given)
     cl_device = select_cl_device(device)
+    jobs = with_layouts(jobs, cl_device)
     shared = Shared(asked.cache_folder(cache_dir), seed, executor)
     jobs, left_out = _suited(jobs, shared, all_techniques=technique is None)
     arguments["technique"] = list(dict.fromkeys(job.technique for job in jobs))

@@ -1,7 +1,7 @@
 """The opened device: programs, budgeted buffers, launches, event clock."""
 
 from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
-from gibench.device.build import Define, build_program, vector_width
+from gibench.device.build import SIMT, WIDE, Define, Layout, build_program, vector_width
 from gibench.device.counting import RayCounts, count_rays
 from gibench.device.device import Device, list_devices
 from gibench.device.launch import (
@@ -25,6 +25,8 @@ from gibench.device.program import Instrument, Parameter, Program, ProgramSpec
 from gibench.device.source import kernel_source
 
 __all__ = [
+    "SIMT",
+    "WIDE",
     "Access",
     "Argument",
     "Buffer",
@@ -33,6 +35,7 @@ __all__ = [
     "Device",
     "Instrument",
     "Launch",
+    "Layout",
     "LocalMemory",
     "MemoryLedger",
     "Parameter",

@@ -5,13 +5,25 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Final, Literal
 
 import pyopencl as cl
 
 from gibench.device.pocl_cache import check_cache
 
 Define = int | float | str | bool
+
+Layout = Literal["wide", "simt"]
+"""How kernels of the variant ``tuned`` are shaped (see the constants)."""
+WIDE: Final = "wide"
+"""Explicit vectors, a stream of memory per work-item: what a CPU's compiler of one work-item at a
+time wants."""
+SIMT: Final = "simt"
+"""Scalars, neighbouring work-items on neighbouring addresses: what runs in lockstep, on a GPU or
+where a CPU's compiler makes vectors of work-items."""
+LEAST_WIDE: Final = 4
+"""Floats per vector from which a device is taken to prefer explicit ones."""
+_MOST_WIDE = 16
 
 # No warnings (OpenCL 1.2, section 5.6.4.4): clang counts every 16-wide argument of an inlined
 # function as a change of the binary interface where the processor has no such registers.
@@ -58,6 +70,24 @@ def vector_width(cl_device: Any) -> int:
         return preferred
     names = build_program(cl.Context([cl_device]), _TARGET, {}).kernel_names
     return 8 if "eight_lanes" in names else 16
+
+
+def preferred_layout(cl_device: Any) -> Layout:
+    """What suits a device: ``wide`` where it prefers explicit vectors of 4 floats and more."""
+    return WIDE if vector_width(cl_device) >= LEAST_WIDE else SIMT
+
+
+def width_of(cl_device: Any, layout: Layout) -> int:
+    """Floats per vector of a layout on a device: 1 in ``simt``; in ``wide`` those that it prefers,
+    or, if it would rather have scalars, those that its registers hold.
+    """
+    if layout == SIMT:
+        return 1
+    preferred = vector_width(cl_device)
+    if preferred >= LEAST_WIDE:
+        return preferred
+    native = int(cl_device.native_vector_width_float)
+    return min(max(native, LEAST_WIDE), _MOST_WIDE)
 
 
 def _macro(value: Define) -> str:

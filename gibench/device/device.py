@@ -15,7 +15,14 @@ import numpy.typing as npt
 import pyopencl as cl
 
 from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
-from gibench.device.build import Define, build_program, macro_options, vector_width
+from gibench.device.build import (
+    Define,
+    Layout,
+    build_program,
+    macro_options,
+    preferred_layout,
+    width_of,
+)
 from gibench.device.choice import default_device
 from gibench.device.launch import Launch, PreparedLaunch, instrumented, set_arguments
 from gibench.device.layout import BufferSpec
@@ -85,6 +92,7 @@ class Device:
         profile: whose limits bind.
         cl_device: the device; by default :func:`first_device`.
         kernel_root: another kernel tree than the installed one.
+        layout: of kernels that are tuned; by default what the device prefers.
     """
 
     def __init__(
@@ -92,9 +100,11 @@ class Device:
         profile: DeviceProfile,
         cl_device: Any = None,
         kernel_root: Traversable | None = None,
+        layout: Layout | None = None,
     ) -> None:
         self.profile = profile
         self.cl_device = first_device() if cl_device is None else cl_device
+        self._layout = layout
         check_cache(self.cl_device)
         self.context = cl.Context([self.cl_device])
         self.queue = cl.CommandQueue(
@@ -125,8 +135,15 @@ class Device:
 
     @property
     def vector_width(self) -> int:
-        """Floats per vector that suit this device: 16 with AVX-512, 8 with AVX, 1 on most GPUs."""
-        return vector_width(self.cl_device)
+        """Floats per vector that kernels are compiled for: 16 with AVX-512, 8 with AVX, 1 in the
+        layout ``simt``.
+        """
+        return width_of(self.cl_device, self.layout)
+
+    @property
+    def layout(self) -> Layout:
+        """The layout of kernels that are tuned."""
+        return self._layout or preferred_layout(self.cl_device)
 
     # -- buffers -----------------------------------------------------------------------------
 

@@ -270,7 +270,17 @@ def told(table: pd.DataFrame) -> list[str]:
 
 def columns(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """The columns of ``explain.csv``: those of the launch first, what can be read last."""
-    first = ["technique", "variant", "scene", "profile", "pass", "kernel", "launch", "frame"]
+    first = [
+        "technique",
+        "variant",
+        "layout",
+        "scene",
+        "profile",
+        "pass",
+        "kernel",
+        "launch",
+        "frame",
+    ]
     last = ["declared_bytes", "dram_over_declared", "sentence", "status", "reason"]
     between = dict.fromkeys(name for each in rows for name in each)
     return [*first, *(name for name in between if name not in (*first, *last)), *last]

@@ -112,6 +112,7 @@ def _frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
         (
             row["technique"],
             row["variant"],
+            _cell(row["layout"]),
             row["scene"],
             row["profile"],
             row["workgroup_size"],
@@ -131,7 +132,7 @@ def _frames(frames: pd.DataFrame, record: Mapping[str, Any]) -> str:
         for _, row in frames.iterrows()
     ]
     head = (
-        *("technique", "variant", "scene", "profile", "work-group"),
+        *("technique", "variant", "layout", "scene", "profile", "work-group"),
         *(axis_title(name) for name in (*axes, *counts)),
         *(
             "receivers",

@@ -73,7 +73,8 @@ def percent(value: Any) -> str:
 
 def heading(frame: pd.Series, record: Mapping[str, Any]) -> str:
     """A configuration of the run ``record`` in words."""
-    parts = [f"{frame['technique']} ({frame['variant']}) on {frame['scene']}"]
+    layout = "" if pd.isna(frame["layout"]) else f", {frame['layout']}"
+    parts = [f"{frame['technique']} ({frame['variant']}{layout}) on {frame['scene']}"]
     parts += [
         f"{axis_title(name)} {frame[name]}"
         for name in recorded_axes(record)

@@ -138,6 +138,8 @@ def _name(row: pd.Series, group: pd.DataFrame, record: Mapping[str, Any]) -> str
     parts = [str(row["technique"])]
     if _varies(mine["variant"]):
         parts.append(str(row["variant"]))
+    if _varies(mine["layout"]) and not pd.isna(row["layout"]):
+        parts.append(str(row["layout"]))
     for axis in record.get("axes", ()):
         if _varies(mine[axis]):
             parts.append(f"{axis_title(axis)} {row[axis]}")

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
+from gibench.device import WIDE, Layout
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import Bvh
 from gibench.scene.lightmap import Lightmap
@@ -60,6 +61,7 @@ class Job:
         receivers: number to aim for; None leaves it to the scene.
         seed: of every random choice.
         shot: image, camera, flight and motion.
+        layout: of the variant ``tuned``; None where the device decides, and as ``published``.
     """
 
     technique: str
@@ -71,6 +73,7 @@ class Job:
     receivers: int | None = None
     seed: int = 0
     shot: Shot = field(default_factory=Shot)
+    layout: Layout | None = None
 
     @property
     def group_size(self) -> int:
@@ -130,6 +133,7 @@ class Known:
         bvh: the scene's tree; None as long as it is not built.
         vector_width: floats per vector of the executing device; 1, the least, as long as none is
             opened.
+        layout: of kernels that are tuned.
     """
 
     job: Job
@@ -140,9 +144,10 @@ class Known:
     baked: Any = None
     bvh: Bvh | None = None
     vector_width: int = 1
+    layout: Layout = WIDE
 
     @staticmethod
-    def all_of(job: Job, world: World, bvh: Bvh, vector_width: int) -> Known:
+    def all_of(job: Job, world: World, bvh: Bvh, vector_width: int, layout: Layout) -> Known:
         """All of it: what is declared from this is what is allocated."""
         return Known(
             job=job,
@@ -153,4 +158,5 @@ class Known:
             baked=world.baked,
             bvh=bvh,
             vector_width=vector_width,
+            layout=layout,
         )

@@ -37,6 +37,7 @@ import pytest
 from support.oclgrind_runner import ONE_THREAD, SCRIPTS, needs_oclgrind
 
 import gibench.techniques
+from gibench.device import SIMT
 from gibench.techniques.registry import techniques
 
 sys.path.insert(0, str(SCRIPTS))
@@ -74,6 +75,9 @@ OTHER_SETTINGS: list[tuple[str, dict[str, Any]]] = [
 # Passes of scenes in which something moves, declared once for all techniques.
 MOVING = {"move_vertices", "refit_leaves", "refit_nodes"}
 CLOSE = 0.1
+# Techniques with kernels of their own in the layout ``simt``; the others' are those of ``tuned``
+# compiled for scalars, which is what is counted.
+WITH_A_LAYOUT = ("srp",)
 TECHNIQUES = Path(gibench.techniques.__file__).parent
 
 
@@ -82,7 +86,7 @@ class Explained:
     """A row of a declared_work.csv.
 
     Attributes:
-        variant: it is of; empty: of every variant.
+        variant: it is of, ``simt`` for ``tuned`` in that layout; empty: of every variant.
         settings: beside those of ``SHAPES``, as :func:`words` has them; empty: whatever they are.
         name: of the pass.
         quantity: of its work.
@@ -119,6 +123,9 @@ def cases() -> list[Any]:
         for variant in spec.variants
         for width in (1, *([WIDE] if (spec.name, variant) == ("direct", "tuned") else []))
     ]
+    found += [
+        Case("frames", SIZE, 1, name, "tuned", SHAPES[name][3], SIMT) for name in WITH_A_LAYOUT
+    ]
     found.append(Case("moving", SIZE, 1, "direct", "tuned"))
     for name, settings in OTHER_SETTINGS:
         for variant in techniques()[name].variants:
@@ -146,7 +153,7 @@ def rows_of(case: Case, name: str, quantity: str) -> list[Explained]:
         row
         for row in rows
         if (row.name, row.quantity) == (name, quantity)
-        and row.variant in ("", case.variant)
+        and row.variant in ("", case.layout if case.layout == SIMT else case.variant)
         and row.settings in ("", words(case))
     ]
     return sorted(fit, key=lambda row: (not row.settings, not row.variant))
@@ -197,7 +204,7 @@ def test_explanations_are_needed() -> None:
             rows
         )
         for row in rows:
-            assert row.variant in ("", "published", "tuned")
+            assert row.variant in ("", "published", "tuned", "simt")
             assert row.quantity in QUANTITIES
             assert row.settings or abs(row.counted - 1) > CLOSE, row
             assert len(row.why) > 10, row

@@ -153,7 +153,7 @@ def test_no_samples_at_all_make_tables_still() -> None:
     assert list(frames["reason"]) == ["too much"]
     line = csv_text(frames).splitlines()[1]
     blank = "," * (1 + len(declared_counts()))  # no SH order, no counts
-    assert line.startswith(f"srp,tuned,box,iphone7,256,{blank}1000,0,")
+    assert line.startswith(f"srp,tuned,,box,iphone7,256,{blank}1000,0,")
     assert "nan" not in line.lower()
     assert "too much" in report(passes, frames, record(refused))
 

@@ -20,6 +20,7 @@ def frame(number: int, technique: str, gi: float, ms: float, **changes: Any) -> 
         "scene": "box",
         "profile": "phone",
         "receivers": 100,
+        "layout": "wide",
         "workgroup_size": 64,
         "gi_ms": gi,
         "median_ms": ms,

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from gibench.techniques.registry import techniques
+from gibench.device import SIMT
+from gibench.techniques.registry import TUNED, techniques
 
 # Work-group size and floats per vector: even, odd (a last group that is not full), scalar.
 SIZES = ((16, 16), (7, 4), (64, 1))
@@ -26,6 +27,7 @@ class Case:
         technique: for ``bake``, ``frames`` and ``moving``.
         variant: for ``frames`` and ``moving``.
         settings: of the technique, beside run_case.SMALL.
+        layout: of a variant that is tuned.
     """
 
     what: str
@@ -34,10 +36,12 @@ class Case:
     technique: str = ""
     variant: str = ""
     settings: dict[str, Any] = field(default_factory=dict)
+    layout: str = "wide"
 
     def __str__(self) -> str:
         settings = [f"{k}={v}" for k, v in self.settings.items()]
-        names = (self.what, self.technique, self.variant, self.size, self.width, *settings)
+        layout = "" if self.layout == "wide" else self.layout
+        names = (self.what, self.technique, self.variant, layout, self.size, self.width, *settings)
         return "-".join(str(name) for name in names if name)
 
 
@@ -89,6 +93,14 @@ def frames(every: bool) -> list[Case]:
                 for sizes, settings in (pairs if every else together)
                 if not (every and (sizes, settings) in together)
             ]
+            if variant == TUNED:
+                sizes_of_simt = [16] if every else [7, 64]
+                found += [
+                    Case("frames", size, 1, spec.name, variant, settings, SIMT)
+                    for size, settings in zip(
+                        sizes_of_simt, choices[:: 1 if every else -1], strict=False
+                    )
+                ]
     return found
 
 

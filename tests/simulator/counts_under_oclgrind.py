@@ -24,7 +24,7 @@ from gibench.measure.session.enqueue import enqueue_frame
 
 def main(cache: Path, frames: int, width: int, height: int, case: Case) -> None:
     """Bake, create, run all frames but one, then that one pass by pass."""
-    suit_simulator(case.width)
+    suit_simulator(case.width, case.layout)
     made, prepared = created(case, cache, width, height)
     for frame in range(frames - 1):
         enqueue_frame(made, prepared, frame)

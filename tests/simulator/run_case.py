@@ -277,17 +277,18 @@ def paths_of(case: Case, scene: Scene) -> None:
         assert mean.max() > 0
 
 
-def suit_simulator(width: int) -> None:
-    """One thread, and vectors of ``width`` floats."""
+def suit_simulator(width: int, layout: str = "wide") -> None:
+    """One thread, vectors of ``width`` floats, and a layout of what is tuned."""
     os.cpu_count = lambda: 1
     Device.vector_width = property(lambda self: width)  # type: ignore[assignment]
+    Device.layout = property(lambda self: layout)  # type: ignore[assignment]
 
 
 def main(cache: Path, cases: list[Case]) -> None:
     """Run ``cases`` and print the kernels."""
     recorded = record_kernels()
     for case in cases:
-        suit_simulator(case.width)
+        suit_simulator(case.width, case.layout)
         globals()[case.what](case, cache)
     print(*sorted(recorded), sep="\n")
 

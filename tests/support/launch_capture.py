@@ -75,7 +75,7 @@ def main(out: Path, cache: Path, wanted: set[str], cases: list[Case]) -> None:
     """Run ``cases``, each kernel kept once."""
     capture(out, wanted)
     for case in cases:
-        run_case.suit_simulator(case.width)
+        run_case.suit_simulator(case.width, case.layout)
         getattr(run_case, case.what)(case, cache)
 
 

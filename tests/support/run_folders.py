@@ -18,6 +18,7 @@ WORK = {"flops": 4e8, "bytes_read": 3e7, "bytes_written": 1e7, "rays": 0.0, "ato
 KEYS = {
     "technique": "srp",
     "variant": "tuned",
+    "layout": "wide",
     "scene": "box",
     "profile": "iphone7",
     "workgroup_size": 256,

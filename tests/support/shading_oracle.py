@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gibench.device import Device
+from gibench.device import Device, Layout
 from gibench.profiles import load_profile
 from gibench.techniques.parts.conformance.shading import (
     Lit,
@@ -30,7 +30,9 @@ __all__ = [
 ]
 
 
-def open_device(simd_width: int = 1, local_memory: int = 16384) -> Device:
+def open_device(
+    simd_width: int = 1, local_memory: int = 16384, layout: Layout | None = None
+) -> Device:
     """A device whose profile allows any work-group size up to 512."""
     profile = replace(
         load_profile("vega56"),
@@ -38,4 +40,4 @@ def open_device(simd_width: int = 1, local_memory: int = 16384) -> Device:
         max_workgroup_size=512,
         local_memory_bytes=local_memory,
     )
-    return Device(profile)
+    return Device(profile, layout=layout)

@@ -12,10 +12,15 @@ from support.shading_oracle import open_device
 from support.tiny_scenes import room
 
 VARIANTS = ("published", "tuned")
+SHAPES = ("published", "wide", "simt")
+"""The published variant, and the tuned one in both layouts."""
 
 
-def create(bake, scene, lightmap, variant, size, settings=None, local_memory=16384):
-    device = open_device(local_memory=local_memory)
+def create(bake, scene, lightmap, shape, size, settings=None, local_memory=16384):
+    """SRP on a device; ``shape`` is of ``SHAPES``, or a variant as the device prefers it."""
+    layout = shape if shape in ("wide", "simt") else None
+    variant = "tuned" if layout else shape
+    device = open_device(local_memory=local_memory, layout=layout)
     values = {"sh_order": bake.sh_order, "receiver_order": bake.receiver_order, **(settings or {})}
     return made(
         SPEC, device, scene, lightmap, SPEC.settings(values), bake, variant, size, 24, 16,

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.device import SIMT
 from gibench.errors import BadInput
 from gibench.measure.compare.lockstep import FRAME
 from gibench.measure.compare.recorded import RowKey, Timings
@@ -85,7 +86,9 @@ def _of_run(run: StoredRun, name: str) -> Timings:
 
 def configuration_label(entry: Mapping[str, Any], record: Mapping[str, Any]) -> str:
     """A configuration of ``run.json`` in words that tell it from every other."""
-    parts = [f"{entry['technique']} ({entry['variant']}) on {entry['scene']}"]
+    # Only of simt, so that runs from before there were layouts keep their names: they are wide.
+    variant = f"{entry['variant']}{' simt' if entry.get('layout') == SIMT else ''}"
+    parts = [f"{entry['technique']} ({variant}) on {entry['scene']}"]
     parts.append(f"profile {entry['profile']}")
     parts += [
         f"{axis_title(name)} {entry[name]}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gibench.device import largest, total_bytes
+from gibench.device import Layout, largest, total_bytes
 from gibench.errors import CannotRun
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import build_bvh
@@ -142,7 +142,9 @@ def _any_of(options: Sequence[str]) -> str:
     return " or ".join(filter(None, (", ".join(options[:-1]), options[-1])))
 
 
-def demand_of(spec: TechniqueSpec, job: Job, world: World, vector_width: int) -> Demand | None:
+def demand_of(
+    spec: TechniqueSpec, job: Job, world: World, vector_width: int, layout: Layout
+) -> Demand | None:
     """What ``spec`` allocates for ``job`` in ``world``; None where that is within the profile's
     limits.
 
@@ -151,8 +153,9 @@ def demand_of(spec: TechniqueSpec, job: Job, world: World, vector_width: int) ->
         job: what is asked.
         world: what is seen.
         vector_width: floats per vector of the executing device.
+        layout: of kernels that are tuned.
     """
-    known = Known.all_of(job, world, build_bvh(world.scene.corners), vector_width)
+    known = Known.all_of(job, world, build_bvh(world.scene.corners), vector_width, layout)
     declared = spec.buffers(known)
     scene = {buffer.name for buffer in FrameScene.declared(known)}
     fixed = [buffer for buffer in declared if buffer.name in scene]

@@ -5,16 +5,19 @@ from __future__ import annotations
 import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import product
 from typing import Any, Literal
 
+from gibench.device import SIMT, WIDE, Layout
+from gibench.device.build import preferred_layout
 from gibench.errors import BadInput, CannotRun
 from gibench.profiles import DeviceProfile
 from gibench.techniques.job import AUTO, Job, Shot
 from gibench.techniques.registry import PUBLISHED, TUNED, TechniqueSpec, axis_title, declared_axes
 
 VARIANTS = (PUBLISHED, TUNED)
+LAYOUTS: tuple[Layout, ...] = (WIDE, SIMT)
 
 Settings = Mapping[str, Mapping[str, Sequence[Any]]]
 """Values by technique and setting: typed, or text as on the command line; several make an axis."""
@@ -27,6 +30,7 @@ def grid(
     *,
     scenes: Sequence[str] = ("cornell-box",),
     variants: Sequence[str] = (TUNED,),
+    layouts: Sequence[str] = (),
     common: Mapping[str, Sequence[Any]] | None = None,
     settings: Settings | None = None,
     receivers: Sequence[int] = (),
@@ -44,6 +48,7 @@ def grid(
         specs: techniques.
         scenes: built-in names or files.
         variants: ``published``, ``tuned``; a technique without the asked one runs what it has.
+        layouts: ``wide``, ``simt``, of ``tuned``; none for what the device prefers.
         common: values by setting, for every technique that has it.
         settings: values by technique and setting.
         receivers: numbers to aim for.
@@ -55,19 +60,22 @@ def grid(
         BadInput: a value is wrong, told before anything long.
         CannotRun: no work-group size asked suits any profile asked.
     """
-    check_options(variants, receivers, workgroup_sizes)
+    check_options(variants, receivers, workgroup_sizes, layouts)
     check_workgroup_sizes(profiles, [size for size in workgroup_sizes if size != AUTO])
     check_settings_names(specs, settings or {})
     found: dict[tuple[Any, ...], Job] = {}
     for scene, count in product(_unique(scenes), _unique(receivers) or (None,)):
         for spec in specs:
-            for chosen, variant, profile in product(
+            for chosen, (variant, layout), profile in product(
                 settings_grid(spec, common or {}, (settings or {}).get(spec.name, {})),
-                _variants(spec, variants),
+                _shapes(_variants(spec, variants), layouts),
                 profiles,
             ):
                 for size in _sizes(workgroup_sizes, profile):
-                    key = (scene, count, spec.name, repr(chosen), variant, profile.name, size)
+                    key = (
+                        *(scene, count, spec.name, repr(chosen), variant, layout),
+                        *(profile.name, size),
+                    )
                     if key not in found:
                         found[key] = Job(
                             technique=spec.name,
@@ -79,6 +87,7 @@ def grid(
                             receivers=count,
                             seed=seed,
                             shot=shot or Shot(),
+                            layout=layout,
                         )
     return list(found.values())
 
@@ -86,15 +95,28 @@ def grid(
 def job_label(job: Job, scene: str) -> str:
     """A short name in words, with the scene's own name."""
     size = "auto" if job.workgroup_size == AUTO else str(job.workgroup_size)
-    parts = [job.technique, job.variant, scene, job.profile.name, f"work-group {size}"]
+    variant = " ".join(filter(None, (job.variant, job.layout if job.layout == SIMT else None)))
+    parts = [job.technique, variant, scene, job.profile.name, f"work-group {size}"]
     for name in declared_axes():
         if (value := getattr(job.settings, name, None)) is not None:
             parts.append(f"{axis_title(name)} {value}")
     return ", ".join(parts)
 
 
+def with_layouts(jobs: Iterable[Job], cl_device: Any) -> list[Job]:
+    """The jobs, those of ``tuned`` with the layout that the device prefers where none is asked."""
+    preferred = preferred_layout(cl_device)
+    return [
+        replace(job, layout=preferred) if job.variant == TUNED and job.layout is None else job
+        for job in jobs
+    ]
+
+
 def check_options(
-    variants: Sequence[str], receivers: Sequence[int], workgroup_sizes: Sequence[WorkgroupSize]
+    variants: Sequence[str],
+    receivers: Sequence[int],
+    workgroup_sizes: Sequence[WorkgroupSize],
+    layouts: Sequence[str] = (),
 ) -> None:
     """Refuse values no technique could take.
 
@@ -109,6 +131,11 @@ def check_options(
         if variant not in VARIANTS:
             raise BadInput(
                 f"no variant called '{variant}'", mend=f"the variants are {', '.join(VARIANTS)}"
+            )
+    for layout in layouts:
+        if layout not in LAYOUTS:
+            raise BadInput(
+                f"no layout called '{layout}'", mend=f"the layouts are {', '.join(LAYOUTS)}"
             )
 
 
@@ -236,6 +263,16 @@ def _sizes(asked: Sequence[WorkgroupSize], profile: DeviceProfile) -> tuple[Work
 def _variants(spec: TechniqueSpec, asked: Sequence[str]) -> tuple[str, ...]:
     have = tuple(variant for variant in _unique(asked) if variant in spec.variants)
     return have or spec.variants[:1]
+
+
+def _shapes(variants: Iterable[str], asked: Sequence[str]) -> list[tuple[str, Layout | None]]:
+    """Each variant, ``tuned`` in every layout asked for; a published one is shaped by its paper."""
+    layouts = [layout for layout in LAYOUTS if layout in asked]
+    return [
+        (variant, layout)
+        for variant in variants
+        for layout in (layouts if variant == TUNED and layouts else (None,))
+    ]
 
 
 def _unique(values: Iterable[Any]) -> tuple[Any, ...]:

@@ -9,8 +9,12 @@ from typing import Any
 from gibench.techniques.job import Job
 from gibench.techniques.registry import declared_axes, declared_counts
 
-KEYS = ("technique", "variant", "scene", "profile", "workgroup_size")
-"""Columns that name a configuration in every table, before those of its axes."""
+KEYS = ("technique", "variant", "layout", "scene", "profile", "workgroup_size")
+"""Columns that name a configuration in every table, before those of its axes. ``layout`` is that of
+``tuned``; empty as ``published``, and in runs from before there were two.
+"""
+LATER_KEYS = ("layout",)
+"""Those that older runs lack."""
 
 TAKEN = frozenset(
     (

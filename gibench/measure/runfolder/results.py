@@ -99,6 +99,7 @@ class JobResult:
         return {
             "technique": job.technique,
             "variant": job.variant,
+            "layout": job.layout,
             "scene": self.scene,
             "profile": job.profile.name,
             "workgroup_size": workgroup_size or self.group_size,

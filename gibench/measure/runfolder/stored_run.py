@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gibench.errors import BadInput
-from gibench.measure.runfolder.axes import KEYS
+from gibench.measure.runfolder.axes import KEYS, LATER_KEYS
 from gibench.measure.runfolder.folder import (
     OLDEST_SCHEMA,
     RECORD,
@@ -67,7 +67,8 @@ def read_run(path: Path) -> StoredRun:
         samples = pd.read_csv(io.StringIO(whole))
     except (OSError, ValueError) as error:
         raise _damaged(path / SAMPLES, error) from error
-    if missing := [name for name in (*KEYS, *SAMPLE, *SAMPLE_TAIL) if name not in samples.columns]:
+    needed = (*(key for key in KEYS if key not in LATER_KEYS), *SAMPLE, *SAMPLE_TAIL)
+    if missing := [name for name in needed if name not in samples.columns]:
         raise BadInput(f"it has no column '{missing[0]}'", where=path / SAMPLES)
     return StoredRun(path, record, samples)
 

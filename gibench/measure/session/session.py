@@ -108,12 +108,12 @@ class Session:
         while True:
             lightmap, baked = shared.baked(spec, job.settings, job.scene, receivers)
             world = World(scene, lightmap, baked, camera, flight, motion)
-            device = Device(job.profile, cl_device, kernel_root)
+            device = Device(job.profile, cl_device, kernel_root, job.layout)
             try:
                 technique = spec.create(device, job, world)
                 break
             except CannotRun as error:
-                demand = demand_of(spec, job, world, device.vector_width)
+                demand = demand_of(spec, job, world, device.vector_width, device.layout)
                 fewer = 0
                 if demand is not None and has_receivers(spec):
                     fewer = demand.receivers_that_fit(job.profile, receivers)

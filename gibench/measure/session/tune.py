@@ -233,7 +233,7 @@ def _memory(job: Job, shared: Shared, cl_device: Any) -> Path:
         "driver": cl_device.driver_version,
         "profile": job.profile.content_hash,
         "kernels": tree_hash(Path(str(data("kernels_cl")))),
-        "technique": [job.technique, job.variant, repr(job.settings)],
+        "technique": [job.technique, job.variant, job.layout, repr(job.settings)],
         "scene": [scene.content_hash(), job.receivers or scene.receivers],
         "image": [job.shot.width, job.shot.height],
     }

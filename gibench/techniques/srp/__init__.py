@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gibench.bake.stage import Stage
-from gibench.device import BufferSpec
+from gibench.device import SIMT, BufferSpec
 from gibench.scene.model import Scene
 from gibench.techniques.job import Known
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
@@ -17,9 +17,11 @@ from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
 from gibench.techniques.srp.bake.settings import USUAL_ORDERS
 from gibench.techniques.srp.common import FRAME_STATE, TransportSizes
 from gibench.techniques.srp.pack import TunedSizes
+from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes
 from gibench.techniques.srp.published import Published
 from gibench.techniques.srp.remarks import remarks
 from gibench.techniques.srp.settings import SrpSettings
+from gibench.techniques.srp.simt import Simt
 from gibench.techniques.srp.technique import Srp
 from gibench.techniques.srp.tuned import Tuned
 
@@ -60,7 +62,13 @@ def _buffers(known: Known) -> list[BufferSpec]:
         sizes = TransportSizes.of(known.baked)
         packed = TunedSizes.of(known.baked, known.vector_width)
         texels, border = lightmap.width * lightmap.height, len(border_texels(lightmap))
-    if job.variant == TUNED:
+    if job.variant == TUNED and known.layout == SIMT:
+        shape = SimtShape.of(job.profile, job.group_size)
+        least = SimtSizes()
+        if lightmap is not None:
+            least = SimtSizes.of(known.baked, settings.storage, shape)
+        own = Simt.buffers(sizes, least, settings.storage, shape, texels=texels, border=border)
+    elif job.variant == TUNED:
         own = Tuned.buffers(
             sizes,
             packed,

@@ -179,6 +179,19 @@ class SrpInput:
     indirect: ReceiverSignal
 
 
+def extended_radiance(given: SrpInput) -> Floats:
+    """What the map of outgoing radiance holds at first, (texels + s + 1, 4): the environment's
+    radiance in the relight directions, which all probes share and no frame changes, behind the
+    texels, and one black entry.
+    """
+    samples, texels = given.sizes.samples, given.receivers.texels
+    radiance = given.receivers.black(extra=samples + 1)
+    radiance[texels : texels + samples, :3] = given.scene.scene.environment.radiance(
+        given.bake.relight.directions
+    )
+    return radiance
+
+
 class SrpVariant(Protocol):
     """The passes that differ between the variants.
 

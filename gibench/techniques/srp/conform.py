@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.device import SIMT, WIDE, Layout
 from gibench.techniques.parts.conformance.case import Bench, Case, created, off, run_pass
 from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
 from gibench.techniques.srp import SPEC
@@ -24,20 +25,31 @@ ORDERS = {1: 0, 7: 7, 64: 7, 100: 2}  # by work-group size
 STORAGES = {1: "fp32", 7: "fp16", 64: "snorm16", 100: "fp16"}
 
 
+SHAPES = ("published", WIDE, SIMT)
+"""The published variant, and the tuned one in both layouts."""
+
+
+def local_memory(shape: str, size: int) -> int:
+    """Bytes that leave a part of a probe's samples, or of a block's rows, for another turn."""
+    return {WIDE: 1200, SIMT: 12 * size + 480}.get(shape, 16384)
+
+
 def _made(
-    bench: Bench, rng: np.random.Generator, size: int, variant: str, storage: str = "fp16"
+    bench: Bench, rng: np.random.Generator, size: int, shape: str, storage: str = "fp16"
 ) -> tuple[Any, SrpBake]:
     scene = random_scene(rng, 12)
     lightmap = random_lightmap(rng, scene, RECEIVERS, WIDTH, HEIGHT)
     bake = random_bake(rng, lightmap, order=ORDERS[size], samples=100 + 157 * (size == 64))
     settings = SPEC.settings({"sh_order": bake.sh_order, "storage": storage})
-    device = bench.open(1200 if variant == "tuned" else 16384)
+    layout: Layout | None = None if shape == "published" else SIMT if shape == SIMT else WIDE
+    device = bench.open(local_memory(shape, size), layout)
+    variant = "tuned" if layout else "published"
     return created(SPEC, device, scene, lightmap, settings, bake, variant, size), bake
 
 
-def _probes(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> Iterator[float]:
+def _probes(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> Iterator[float]:
     """What probes see of a lit map, in spherical harmonics."""
-    technique, bake = _made(bench, rng, size, variant)
+    technique, bake = _made(bench, rng, size, shape)
     radiance = rng.uniform(0, 3, (WIDTH * HEIGHT, 3)).astype(np.float32)
     values = technique.device.read(technique.variant.radiance)
     values[: len(radiance), :3] = radiance
@@ -49,10 +61,10 @@ def _probes(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> 
     yield off(found, expected, absolute=3e-6 * float(np.abs(expected).max()))
 
 
-def _transport(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> Iterator[float]:
+def _transport(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> Iterator[float]:
     """Projection onto the clusters' vectors, and irradiance from those."""
     storage = STORAGES[size]
-    technique, bake = _made(bench, rng, size, variant, storage)
+    technique, bake = _made(bench, rng, size, shape, storage)
     radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
     write_lambda(technique, radiance)
     run_pass(technique, "cluster_projection", size)
@@ -62,23 +74,21 @@ def _transport(bench: Bench, rng: np.random.Generator, size: int, variant: str) 
     yield off(found, expected, absolute=3e-6 * float(np.abs(expected).max()))
 
 
-def _cases(variant: str, projection: str) -> list[Case]:
-    folder = f"srp/{variant}"
+def _cases(shape: str) -> list[Case]:
+    files = f"srp/{'tuned' if shape == WIDE else shape}"
+    projection = f"{files}_{'transport' if shape == 'published' else 'projection'}.cl"
     return [
         Case(
-            f"SRP's probe update ({variant})",
-            (f"{folder}_probes.cl:probe_update",),
-            partial(_probes, variant=variant),
+            f"SRP's probe update ({shape})",
+            (f"{files}_probes.cl:probe_update",),
+            partial(_probes, shape=shape),
         ),
         Case(
-            f"SRP's projection and transport ({variant})",
-            (f"{projection}:cluster_projection", f"{folder}_transport.cl:irradiance_transport"),
-            partial(_transport, variant=variant),
+            f"SRP's projection and transport ({shape})",
+            (f"{projection}:cluster_projection", f"{files}_transport.cl:irradiance_transport"),
+            partial(_transport, shape=shape),
         ),
     ]
 
 
-CASES = [
-    *_cases("published", "srp/published_transport.cl"),
-    *_cases("tuned", "srp/tuned_projection.cl"),
-]
+CASES = [case for shape in SHAPES for case in _cases(shape)]

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Device
+from gibench.device import SIMT, Device
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
@@ -23,6 +23,7 @@ from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, Tran
 from gibench.techniques.srp.probe_view import probe_view
 from gibench.techniques.srp.published import Published
 from gibench.techniques.srp.settings import SrpSettings
+from gibench.techniques.srp.simt import Simt
 from gibench.techniques.srp.tuned import Tuned
 from gibench.techniques.technique import FloatArray, Pass
 
@@ -31,6 +32,12 @@ REST_CHANGE = 0.005
 next, that counts as none. At the slowest, a quarter of the probes a frame, two bounces lie between
 looks, each the surfaces' albedo of the last: at 0.8 what is yet to come is under 1 % of the light.
 """
+
+
+def _variant(given: SrpInput, tuned: bool) -> SrpVariant:
+    if not tuned:
+        return Published(given)
+    return Simt(given) if given.scene.device.layout == SIMT else Tuned(given)
 
 
 class Srp:
@@ -70,7 +77,7 @@ class Srp:
         )
         tuned = job.variant == TUNED
         self._before: Floats | None = None
-        self.variant: SrpVariant = Tuned(given) if tuned else Published(given)
+        self.variant: SrpVariant = _variant(given, tuned)
         self._application = lightmap_application(
             self.scene,
             HitBuffer.create(device, job.shot.width, job.shot.height),

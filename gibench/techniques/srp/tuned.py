@@ -1,4 +1,4 @@
-"""SRP's passes laid out for the executing device."""
+"""SRP's passes in the layout ``wide``: explicit vectors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gibench.arrays import Floats
 from gibench.device import BufferSpec, Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
-from gibench.techniques.srp.common import SrpInput, TransportSizes
+from gibench.techniques.srp.common import SrpInput, TransportSizes, extended_radiance
 from gibench.techniques.srp.pack import (
     TunedSizes,
     pack_tuned,
@@ -49,19 +49,13 @@ class Tuned:
         self._projection_width = projection_width(bake.coefficients, self._width)
         self._stride = padded(bake.coefficients, self._width)
         self._share = _BLOCKS_PER_GROUP if self._width > 1 else given.workgroup_size
-        samples, texels = given.sizes.samples, given.receivers.texels
-        # The environment does not change from frame to frame: its radiance in the relight
-        # directions, which all probes share, is put behind the texels once.
-        radiance = given.receivers.black(extra=samples + 1)
-        radiance[texels : texels + samples, :3] = given.scene.scene.environment.radiance(
-            bake.relight.directions
-        )
+        texels = given.receivers.texels
         packed = pack_tuned(
             bake, given.receivers.lightmap.receivers.texel, given.storage, self._width
         )
         border = border_texels(lightmap)
         data = {
-            "radiance": radiance,
+            "radiance": extended_radiance(given),
             "relight_source": sample_sources(bake.relight, texels),
             "relight_basis": padded_basis(bake.relight, self._width),
             "row_blocks": packed.row_blocks,

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from support.pairwise import pairwise
-from support.srp_setups import VARIANTS, create
+from support.srp_setups import SHAPES, create
 from support.synthetic_bake import random_bake, random_lightmap, random_scene
 
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.techniques.srp.conform import local_memory
 from gibench.techniques.srp.conform_oracle import (
     expected_irradiance,
     expected_probe_radiance,
@@ -36,13 +37,12 @@ def setting():
     ("order", "samples", "size"),
     [(7, 100, 7), (7, 257, 64), (2, 64, 100), (0, 33, 16), (6, 90, 32)],
 )
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_probe_update(setting, variant, order, samples, size):
+@pytest.mark.parametrize("shape", SHAPES)
+def test_probe_update(setting, shape, order, samples, size):
     rng, scene, lightmap = setting
     bake = random_bake(rng, lightmap, order=order, samples=samples)
-    # 1200 bytes of local memory for the tuned variant: 100 samples at once, so 257 take 3 turns.
-    local = 1200 if variant == "tuned" else 16384
-    technique = create(bake, scene, lightmap, variant, size, local_memory=local)
+    # So little local memory for the tuned variant that 257 samples take several turns.
+    technique = create(bake, scene, lightmap, shape, size, local_memory=local_memory(shape, size))
     radiance = rng.uniform(0, 3, (41 * 33, 3)).astype(np.float32)
     values = technique.device.read(technique.variant.radiance)
     values[: len(radiance), :3] = radiance
@@ -57,14 +57,14 @@ ORDERS_AND_SIZES = [(7, 7), (7, 64), (5, 100), (2, 32), (1, 1), (0, 16)]
 
 
 @pytest.mark.parametrize(
-    ("variant", "order_and_size", "storage"),
-    pairwise(VARIANTS, ORDERS_AND_SIZES, ["fp32", "fp16", "snorm16"]),
+    ("shape", "order_and_size", "storage"),
+    pairwise(SHAPES, ORDERS_AND_SIZES, ["fp32", "fp16", "snorm16"]),
 )
-def test_projection_and_transport(setting, variant, order_and_size, storage):
+def test_projection_and_transport(setting, shape, order_and_size, storage):
     order, size = order_and_size
     rng, scene, lightmap = setting
     bake = random_bake(rng, lightmap, order=order)
-    technique = create(bake, scene, lightmap, variant, size, {"storage": storage})
+    technique = create(bake, scene, lightmap, shape, size, {"storage": storage})
     radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
     write_lambda(technique, radiance)
     launch(technique, "cluster_projection", size)
@@ -82,15 +82,15 @@ def test_projection_and_transport(setting, variant, order_and_size, storage):
 
 
 @pytest.mark.parametrize(
-    ("variant", "order_and_size", "storage"),
-    pairwise(VARIANTS, [(4, 7), (1, 64), (2, 100)], ["fp32", "fp16", "snorm16"]),
+    ("shape", "order_and_size", "storage"),
+    pairwise(SHAPES, [(4, 7), (1, 64), (2, 100)], ["fp32", "fp16", "snorm16"]),
 )
-def test_projection_and_transport_of_order_1(rng, variant, order_and_size, storage):
+def test_projection_and_transport_of_order_1(rng, shape, order_and_size, storage):
     order, size = order_and_size
     scene = random_scene(rng, 12)
     lightmap = random_lightmap(rng, scene, 613, 41, 33)
     bake = random_bake(rng, lightmap, order=order, receiver_order=1)
-    technique = create(bake, scene, lightmap, variant, size, {"storage": storage})
+    technique = create(bake, scene, lightmap, shape, size, {"storage": storage})
     radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
     write_lambda(technique, radiance)
     launch(technique, "cluster_projection", size)
@@ -159,12 +159,12 @@ def test_projection_width():
     assert projection_width(9, 16) == 4
 
 
-@pytest.mark.parametrize(("variant", "receiver_order"), [(VARIANTS[0], 0), (VARIANTS[1], 1)])
-def test_whole_frame(setting, variant, receiver_order):
+@pytest.mark.parametrize(("shape", "receiver_order"), zip(SHAPES, (0, 1, 1), strict=True))
+def test_whole_frame(setting, shape, receiver_order):
     """Frames one after the other feed indirect light back exactly as in NumPy."""
     _, scene, lightmap = setting
     bake = random_bake(np.random.default_rng(4), lightmap, order=3, receiver_order=receiver_order)
-    technique = create(bake, scene, lightmap, variant, 64)
+    technique = create(bake, scene, lightmap, shape, 64)
     prepared = prepare_passes(technique, 64)
     r = lightmap.receivers
     indirect = np.zeros((613, 3))

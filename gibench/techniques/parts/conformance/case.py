@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Device, Launch
+from gibench.device import Device, Launch, Layout
 from gibench.profiles import load_profile
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
@@ -40,7 +40,7 @@ class Bench:
     cl_device: Any
     kernel_root: Traversable | None = None
 
-    def open(self, local_memory: int = 16384) -> Device:
+    def open(self, local_memory: int = 16384, layout: Layout | None = None) -> Device:
         """A device on which any work-group size up to 512 may be tried."""
         profile = replace(
             load_profile("vega56"),
@@ -48,7 +48,7 @@ class Bench:
             max_workgroup_size=min(_MOST_ITEMS, int(self.cl_device.max_work_group_size)),
             local_memory_bytes=min(local_memory, int(self.cl_device.local_mem_size)),
         )
-        return Device(profile, self.cl_device, self.kernel_root)
+        return Device(profile, self.cl_device, self.kernel_root, layout)
 
 
 Check = Callable[[Bench, np.random.Generator, int], Iterator[float]]

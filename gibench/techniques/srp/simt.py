@@ -1,0 +1,202 @@
+"""SRP's passes in the layout ``simt``: neighbouring work-items on neighbouring addresses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from gibench.arrays import Floats
+from gibench.device import BufferSpec, Launch, ProgramSpec, local, reads, updates, writes
+from gibench.errors import CannotRun
+from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
+from gibench.techniques.srp.common import SrpInput, TransportSizes, extended_radiance
+from gibench.techniques.srp.pack import sample_sources
+from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes, pack_simt, row_unit
+from gibench.techniques.srp.storage import storage_dtype, storage_macro
+from gibench.techniques.technique import Pass
+
+_CHUNK: Final = 512
+"""Samples of the probe update in local memory at most: 6 KB, so that a unit of 64 KB holds seven
+groups of 256."""
+
+
+class Simt:
+    """A work-group per probe, per block of rows and per tile of receivers.
+
+    Args:
+        given: what it is built from.
+
+    Raises:
+        CannotRun: it does not fit the device's profile.
+    """
+
+    def __init__(self, given: SrpInput) -> None:
+        self.given = given
+        device, bake, texels = given.scene.device, given.bake, given.receivers.texels
+        self._shape = SimtShape.of(device.profile, given.workgroup_size)
+        receivers = given.receivers.lightmap.receivers
+        packed = pack_simt(bake, receivers.texel, given.storage, self._shape)
+        border = border_texels(given.receivers.lightmap)
+        data = {
+            "radiance": extended_radiance(given),
+            "relight_source": sample_sources(bake.relight, texels),
+            "relight_basis": bake.relight.basis,
+            "row_blocks": packed.row_blocks,
+            "cluster_probes": packed.probes,
+            "projection": packed.projection,
+            "scale": packed.scale,
+            "receiver_tiles": packed.tiles,
+            "transport_texel": packed.texel,
+            "reconstruction": packed.reconstruction,
+            "border_texels": border,
+        }
+        sizes = SimtSizes.of(bake, given.storage, self._shape)
+        specs = Simt.buffers(
+            given.sizes, sizes, given.storage, self._shape, texels=texels, border=len(border)
+        )
+        self._held = device.allocate(specs, data)
+        self.radiance = self._held["radiance"]
+        self._lambda, self._basis = self._held["lambda"], self._held["light_basis"]
+
+    @staticmethod
+    def buffers(
+        sizes: TransportSizes,
+        packed: SimtSizes,
+        storage: str,
+        shape: SimtShape,
+        *,
+        texels: int,
+        border: int,
+    ) -> list[BufferSpec]:
+        """The buffers of transport of these sizes.
+
+        Args:
+            sizes: of what is baked.
+            packed: of its layout.
+            storage: ``fp32``, ``fp16`` or ``snorm16``.
+            shape: sizes that the kernels are compiled for.
+            texels: of a map.
+            border: texels to dilate.
+        """
+        s, stored, of = sizes, storage_dtype(storage), BufferSpec.of
+        return [
+            FrameLightmap.map_buffer("radiance", texels + s.samples + 1),
+            of("relight_source", (s.probes, s.samples), np.int32),
+            of("relight_basis", (s.samples, s.coefficients), np.float32),
+            of("row_blocks", (packed.row_blocks, 5), np.int32),
+            of("cluster_probes", packed.probes, np.int32),
+            of("projection", packed.projection, stored),
+            of("scale", s.rows, np.float32),
+            of("receiver_tiles", (packed.tiles, 3), np.int32),
+            of("transport_texel", packed.tiles * shape.tile, np.int32),
+            of("reconstruction", packed.reconstruction, stored),
+            of("border_texels", border, np.int32),
+            of("lambda", (s.probes, 3, s.coefficients), np.float32),
+            of("light_basis", (s.rows, 3), np.float32),
+        ]
+
+    def passes(self) -> list[Pass]:
+        """Probe update, cluster projection, irradiance transport."""
+        sizes, storage = self.given.sizes, self.given.storage
+        return [
+            Pass("probe_update", self._probe_update, sizes.probe_update_work(self.given.fraction)),
+            Pass("cluster_projection", self._projected, sizes.projection_work(storage)),
+            Pass("irradiance_transport", self._transported, sizes.transport_work(storage)),
+        ]
+
+    def dilate(self) -> Pass:
+        """Dilation of the texels that need it."""
+        return self.given.indirect.dilate(self._held["border_texels"])
+
+    def probe_radiance(self) -> Floats:
+        """The probes' SH coefficients, (p, c, 3) W/m2/sr."""
+        planes = self.given.scene.device.read(self._lambda)
+        return np.ascontiguousarray(planes.transpose(0, 2, 1))
+
+    def _probe_update(self) -> Sequence[Launch]:
+        sizes, profile = self.given.sizes, self.given.scene.device.profile
+        partial = 12 * self.given.workgroup_size
+        chunk = min(sizes.samples, _CHUNK, (profile.local_memory_bytes - partial) // 12)
+        if chunk < 1:
+            raise CannotRun(
+                f"the sums of a group take {partial:,} bytes of local memory; profile "
+                f"{profile.name} has {profile.local_memory_bytes:,}",
+                mend="lower --workgroup-size",
+            )
+        defines: dict[str, int | str] = {
+            "SAMPLES": sizes.samples,
+            "CHUNK": chunk,
+            "COEFFICIENTS": sizes.coefficients,
+        }
+        args = (
+            reads("frame_state", self.given.turns.state),
+            reads("source", self._held["relight_source"]),
+            reads("basis", self._held["relight_basis"]),
+            reads("radiance", self.radiance),
+            updates("lambda", self._lambda),
+            local("gathered", 12 * chunk),
+            local("partial", partial),
+        )
+        program = ProgramSpec("srp/simt_probes.cl", defines)
+        return [
+            Launch(
+                program,
+                "probe_update",
+                args,
+                groups=self.given.turns.count,
+                workgroup_size=self.given.workgroup_size,
+            )
+        ]
+
+    def _projected(self) -> Sequence[Launch]:
+        shape, storage = self._shape, self.given.storage
+        defines: dict[str, int | str] = {
+            "STORAGE": storage_macro(storage),
+            "COEFFICIENTS": self.given.sizes.coefficients,
+            "TEAM": shape.team,
+            "BLOCK_ROWS": shape.block_rows,
+            "ROW_UNIT": row_unit(storage),
+        }
+        args = (
+            reads("blocks", self._held["row_blocks"]),
+            reads("probes", self._held["cluster_probes"]),
+            reads("projection", self._held["projection"]),
+            reads("scale", self._held["scale"]),
+            reads("lambda", self._lambda),
+            writes("basis", self._basis),
+            local("partial", 12 * shape.block_rows * shape.team),
+        )
+        return [
+            Launch(
+                ProgramSpec("srp/simt_projection.cl", defines),
+                "cluster_projection",
+                args,
+                groups=self._held["row_blocks"].shape[0],
+                workgroup_size=shape.team,
+            )
+        ]
+
+    def _transported(self) -> Sequence[Launch]:
+        defines: dict[str, int | str] = {
+            "STORAGE": storage_macro(self.given.storage),
+            "TILE": self._shape.tile,
+            **self.given.indirect.macros,
+        }
+        args = (
+            reads("tiles", self._held["receiver_tiles"]),
+            reads("reconstruction", self._held["reconstruction"]),
+            reads("texel", self._held["transport_texel"]),
+            reads("basis", self._basis),
+            updates("indirect", self.given.indirect.map),
+        )
+        return [
+            Launch(
+                ProgramSpec("srp/simt_transport.cl", defines),
+                "irradiance_transport",
+                args,
+                groups=self._held["receiver_tiles"].shape[0],
+                workgroup_size=self._shape.tile,
+            )
+        ]
