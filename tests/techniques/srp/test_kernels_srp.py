@@ -159,7 +159,7 @@ def test_projection_width():
     assert projection_width(9, 16) == 4
 
 
-@pytest.mark.parametrize(("shape", "receiver_order"), zip(SHAPES, (0, 1, 1), strict=True))
+@pytest.mark.parametrize(("shape", "receiver_order"), [*zip(SHAPES, (0, 1, 1), strict=True)])
 def test_whole_frame(setting, shape, receiver_order):
     """Frames one after the other feed indirect light back exactly as in NumPy."""
     _, scene, lightmap = setting
