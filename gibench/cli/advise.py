@@ -15,14 +15,34 @@ _ALL: list[str] = []
 def advise(
     device_profile: options.Profile = "iphone7",
     budget_ms: Annotated[
-        float,
+        float | None,
         typer.Option(
             "--budget-ms",
             metavar="MS",
-            help="What a frame may take on this machine; 33.3 is 30 frames per second.",
+            help="What a frame may take on this machine; 33.3, which is 30 frames per second, "
+            "where no other budget is given.",
             rich_help_panel=options.GRID,
         ),
-    ] = 33.3,
+    ] = None,
+    gi_budget_ms: Annotated[
+        float | None,
+        typer.Option(
+            "--gi-budget-ms",
+            metavar="MS",
+            help="What global illumination may take of it.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = None,
+    budget: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--budget",
+            metavar="NAME=VALUE",
+            help="Any other, repeated for several: memory_mib, bake_s; error, bias, leak, blotches "
+            "and missing as shares (frame_ms and gi_ms, too).",
+            rich_help_panel=options.GRID,
+        ),
+    ] = None,
     scene: options.Scene = "cornell-box",
     technique: options.Techniques = _ALL,
     variant: options.Variants = ["tuned"],  # noqa: B006 (typer copies its defaults)
@@ -67,18 +87,25 @@ def advise(
     """Try techniques and settings on a scene and say which fit a budget, and at what error.
 
     Tries what every technique declares (SH orders, probes, rays) at all, a half and a quarter of
-    the scene's receivers; the options narrow that. Times are of this machine under the profile's
-    limits, not of the modelled device.
+    the scene's receivers; the options narrow that. Tells what fits all budgets, the front of what
+    nothing else beats, and what would fit if one budget were raised, and by how much. Times are of
+    this machine under the profile's limits, not of the modelled device.
 
-    Example:
+    Examples:
 
       gibench advise --device-profile iphone7 --budget-ms 33.3 --scene sponza.obj
+
+      gibench advise --gi-budget-ms 3 --budget memory_mib=32 --budget error=0.2
+
+      gibench advise --scene two-rooms --budget leak=0.02 --budget bake_s=60
     """
     from gibench.commands.advise import advise as give_advice
 
     result = give_advice(
         device_profile=device_profile,
         budget_ms=budget_ms,
+        gi_budget_ms=gi_budget_ms,
+        budget=budget or (),
         scene=scene,
         technique=technique,
         variant=variant,
@@ -106,7 +133,7 @@ def advise(
         from gibench.measure.machine.environment import cpu_name
         from gibench.report.advice import show_advice
 
-        show_advice(result.table, result.profile, budget_ms, cpu_name())
+        show_advice(result.table, result.lifted, result.profile, result.limits, cpu_name())
         if result.projected is not None:
             from gibench.report.projection import show_ranking
 

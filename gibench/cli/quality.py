@@ -67,6 +67,16 @@ def quality(
         ),
     ] = None,
     frames: options.SettleFrames = 512,
+    faults: Annotated[
+        bool,
+        typer.Option(
+            "--faults/--no-faults",
+            help="Run further frames of what has settled, for flicker and for how long a light "
+            "that is switched and an object that is moved take; leaks, blotches and what is "
+            "missing are told all the same.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = True,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
     camera_path: flight.CameraPathChoice = "rest",
@@ -102,6 +112,8 @@ def quality(
 
       gibench quality -t gibs --camera-path flight --frames 1024
 
+      gibench quality -t ddgi -t gibs --scene two-rooms --no-faults
+
       gibench quality --scene blue-orange-box --region shadow=0.3,0.5,0.4,0.7
     """
     from gibench.commands.quality import quality as compare
@@ -124,6 +136,7 @@ def quality(
         reference_paths=reference_paths,
         region=region,
         frames=frames,
+        faults=faults,
         resolution=resolution,
         camera=camera,
         camera_path=camera_path,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,13 +17,15 @@ from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
+from gibench.measure.runfolder.results import OK
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.report.advice import advice_report, plot_advice
+from gibench.report.limits import LEAK, Limit, lifted, read_limits
 from gibench.report.projection import PROJECTED, ranking_section
 from gibench.report.tables import csv_text
 from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
-from gibench.study.quality import check_views, compare
+from gibench.study.quality import check_views, compare, group_of
 from gibench.study.quality_rows import QualityOptions, columns
 from gibench.study.regions import WHOLE
 from gibench.study.rows import Rows
@@ -46,13 +47,17 @@ class AdviceResult:
     Attributes:
         folder: with everything that was written.
         table: what was tried, best error first among what fits: ``advice.csv``.
+        limits: what was asked for.
+        lifted: what would fit if one limit were lifted, and by how much.
         profile: name of the profile.
-        error: what is not fine: nothing fits the budget, or it was interrupted.
+        error: what is not fine: nothing fits the budgets, or it was interrupted.
         projected: settings by their projected GI on another device, where that was asked.
     """
 
     folder: Path
     table: pd.DataFrame = field(repr=False)
+    limits: tuple[Limit, ...]
+    lifted: pd.DataFrame = field(repr=False)
     profile: str
     error: GibenchError | None
     projected: pd.DataFrame | None = field(default=None, repr=False)
@@ -60,7 +65,9 @@ class AdviceResult:
 
 def advise(
     device_profile: str = "iphone7",
-    budget_ms: float = 33.3,
+    budget_ms: float | None = None,
+    gi_budget_ms: float | None = None,
+    budget: asked.Texts = (),
     scene: str = "cornell-box",
     technique: asked.Texts = (),
     variant: asked.Texts = ("tuned",),
@@ -96,8 +103,7 @@ def advise(
     # The budget is no part of it: what is there is judged by another one without measuring again.
     arguments = asked.recorded(locals(), "light_frame", "target_error", "reference_paths")
     arguments["command"] = "advise"
-    if not (math.isfinite(budget_ms) and budget_ms > 0):
-        raise BadInput(f"--budget-ms {budget_ms:g} is no time", mend="give more than 0 ms")
+    limits = read_limits(budget_ms, gi_budget_ms, asked.several(budget))
     projected_on = _projected_on(project)
     shot = asked.shot_of(resolution, camera)
     profile = asked.load_profiles([device_profile])[0]
@@ -136,6 +142,8 @@ def advise(
         numbers = [[str(position + 1)] for position in own]
         tables = {SETTINGS: ["number"]}
         arguments["shard"] = part.record(labels_of(jobs), own=numbers, tables=tables)
+    if any(limit.metric.name == LEAK for limit in limits):
+        _check_dark(jobs[0], how, site)
     folder = asked.folder_for(out, "advice", [profile.name], arguments)
     folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
@@ -157,14 +165,16 @@ def advise(
     rows = tried.drop(columns="number")
     if rows.empty:
         raise Interrupted("interrupted before anything was measured")
-    table = advice(rows, budget_ms)
+    table = advice(rows, limits)
+    more = lifted(table[table["status"] == OK], limits)
     error: GibenchError | None
     if part is not None:  # which is best is known when all are there
         error = _interrupted(len(table), len(own), folder.path) if outcome.interrupted else None
-        return AdviceResult(folder.path, table, profile.name, error)
+        return AdviceResult(folder.path, table, limits, more, profile.name, error)
     warnings = shared.scene(scene).warnings
     folder.write_text("advice.csv", csv_text(table))
-    text = advice_report(table, profile.name, budget_ms, cpu_name(), warnings)
+    folder.write_text("lifted.csv", csv_text(more))
+    text = advice_report(table, more, profile.name, limits, cpu_name(), warnings)
     projected = None
     if projected_on is not None and not outcome.interrupted:
         projected = _ranked(jobs, tried, projected_on, shared, cl_device)
@@ -172,11 +182,27 @@ def advise(
         text += "\n" + ranking_section(projected)
     folder.write_text("advice.md", text)
     if (table["status"] == "ok").any():
-        plot_advice(folder.path / "pareto", table, budget_ms, cpu_name())
-    error = misfit(table, budget_ms)
+        plot_advice(folder.path / "pareto", table, limits, cpu_name())
+    error = misfit(table, limits)
     if outcome.interrupted:
         error = _interrupted(len(table), len(jobs), folder.path)
-    return AdviceResult(folder.path, table, profile.name, error, projected)
+    return AdviceResult(folder.path, table, limits, more, profile.name, error, projected)
+
+
+def _check_dark(job: Job, how: QualityOptions, site: Site) -> None:
+    """Refuse a scene in which no light can leak.
+
+    Raises:
+        BadInput: nothing in it is dark.
+    """
+    group = group_of(job, how, site)
+    if not group.dark_area:
+        raise BadInput(
+            f"the scene '{group.scene.name}' has no dark region that is known as such at a target "
+            f"error of {how.target_error:g}, so that no light can leak into it",
+            where="--budget leak",
+            mend="leave it out, or give a scene that has one, such as two-rooms",
+        )
 
 
 def _interrupted(tried: int, of: int, path: Path) -> Interrupted:

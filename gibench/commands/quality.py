@@ -16,6 +16,7 @@ from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
+from gibench.report.faults import plot_faults, profiled
 from gibench.report.quality import quality_report, quality_table
 from gibench.report.tables import csv_text
 from gibench.study.pictures import write_pictures
@@ -69,6 +70,7 @@ _ALSO_RECORDED = (
     "reference_seed",
     "reference_paths",
     "region",
+    "faults",
 )
 
 
@@ -90,6 +92,7 @@ def quality(
     reference_paths: int | None = None,
     region: asked.Texts | None = None,
     frames: int = 512,
+    faults: bool = True,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
     camera_path: str = "rest",
@@ -143,6 +146,7 @@ def quality(
         reference=None if reference is None else Path(reference),
         reference_seed=reference_seed,
         reference_paths=reference_paths,
+        watched=faults,
     )
     check_views(jobs, how, site)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
@@ -158,6 +162,8 @@ def quality(
         warnings = {found.name: found.warnings for found in scenes}
         folder.write_text("quality.csv", csv_text(table))
         folder.write_text("quality.md", quality_report(table, cpu_name(), warnings))
+        if profiled(table):
+            plot_faults(folder.path / "faults", table)
     return QualityResult(folder.path, table, outcome.groups, verdict(outcome, folder.path))
 
 

@@ -1,7 +1,4 @@
 "use strict";
-// Okabe and Ito (2008), "Color Universal Design"; the last two for more passes than colours.
-const COLORS = ["#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#B8A900", "#7B7F86",
-  "#8C564B", "#5B3FA6"];
 const $ = (selector, from = document) => from.querySelector(selector);
 
 function element(name, attributes = {}, ...children) {
@@ -14,14 +11,8 @@ function element(name, attributes = {}, ...children) {
 }
 
 const passNames = [...new Set(DATA.configurations.flatMap(c => c.passes.map(p => p.name)))];
-// A pass takes the first colour that no pass beside it in a bar has.
-const colors = new Map();
-for (const name of passNames) {
-  const beside = DATA.configurations.map(c => c.passes.map(p => p.name)).filter(n => n.includes(name)).flat();
-  const taken = new Set(beside.map(n => colors.get(n)));
-  colors.set(name, COLORS.find(c => !taken.has(c)) ?? COLORS[colors.size % COLORS.length]);
-}
-const color = name => colors.get(name);
+// A pass's own, whatever the technique (gibench.report.plots).
+const color = name => DATA.pass_colors[name];
 // A technique's own, the same in every plot (gibench.report.plots).
 const techniqueColor = name => DATA.colors[name];
 // Around (0, 0), about 12 wide.
@@ -67,20 +58,39 @@ function runs() {
     $("nav").append(element("a", { href: `#${section.id}` }, $("h2", section).textContent));
 }
 
-function table(place, { columns, rows }) {
-  const filled = columns.map((_, i) => i < 2 ? i > 0 || many : rows.some(r => r[i] !== null && r[i] !== ""));
+// Which configurations have samples to be shown, and how to show them.
+const sampled = DATA.configurations.filter(c => c.passes.length);
+let showSamples = () => {};
+
+function toSamples(run, label, text) {
+  const at = sampled.findIndex(c => c.run === run && c.label === label);
+  if (at < 0) return text;
+  const link = element("a", { href: "#distributions", title: "its samples", tabindex: -1 }, text);
+  link.addEventListener("click", () => showSamples(at));
+  return link;
+}
+
+// What a cell sorts by: its own value, or that beside its text.
+const worth = cell => cell !== null && typeof cell === "object" ? cell.value : cell;
+
+function table(place, { columns, rows }, hidden = []) {
+  const filled = columns.map((_, i) => hidden.includes(i) ? false
+    : i < 2 ? i > 0 || many : rows.some(r => worth(r[i]) !== null && (r[i].text ?? r[i]) !== ""));
   const head = element("tr"), body = element("tbody");
   let by = -1, up = true;
   const draw = sorted => {
     body.replaceChildren(...sorted.map(row => {
       const bad = row.includes("failed") || row.includes("skipped");
       return element("tr", bad ? { class: "bad" } : {}, ...row.map((value, i) => {
-        const number = typeof value === "number";
-        const text = value === null ? "" : number ? figure(value)
-          : typeof value === "boolean" ? (value ? "yes" : "no") : value;
-        return filled[i] ? element("td", number ? { class: "n" } : i === 1 ? { class: "name" } : {}, text) : "";
+        const number = typeof worth(value) === "number";
+        const text = value === null ? "" : value.text ?? (number ? figure(value)
+          : typeof value === "boolean" ? (value ? "yes" : "no") : value);
+        const shown = number && / ms$/.test(columns[i]) ? toSamples(row[0], row[1], text) : text;
+        return filled[i] ? element("td", number ? { class: "n" } : i === 1 ? { class: "name" } : {}, shown) : "";
       }));
     }));
+    // By keyboard a row is one stop, where it is one configuration.
+    if (columns[2] !== "pass") for (const row of body.children) $("a", row)?.removeAttribute("tabindex");
   };
   columns.forEach((name, i) => {
     if (!filled[i]) return;
@@ -92,8 +102,9 @@ function table(place, { columns, rows }) {
       for (const other of head.children) other.removeAttribute("aria-sort");
       cell.setAttribute("aria-sort", up ? "ascending" : "descending");
       draw([...rows].sort((a, b) => {
-        if (a[i] === null || b[i] === null) return (a[i] === null) - (b[i] === null); // blanks last
-        const order = typeof a[i] === "string" ? a[i].localeCompare(b[i]) : a[i] - b[i];
+        const [one, two] = [worth(a[i]), worth(b[i])];
+        if (one === null || two === null) return (one === null) - (two === null); // blanks last
+        const order = typeof one === "string" ? one.localeCompare(two) : one - two;
         return up ? order : -order;
       }));
     });
@@ -142,7 +153,7 @@ function bars() {
 
 function distributions() {
   const choice = $("#distributions select"), place = $("#distributions .plot");
-  const shown = DATA.configurations.filter(c => c.passes.length);
+  const shown = sampled;
   shown.forEach((c, k) => choice.append(element("option", { value: k }, title(c))));
   const draw = () => {
     const c = shown[choice.value], width = 1100, row = 30, left = 170;
@@ -165,7 +176,37 @@ function distributions() {
     place.replaceChildren(svg);
   };
   choice.addEventListener("change", draw);
+  showSamples = at => { choice.value = at; draw(); };
   if (shown.length) draw();
+}
+
+function answers() {
+  if (!DATA.answers.length) return hide("which");
+  for (const one of DATA.answers) {
+    const place = element("div", { class: "table" });
+    $("#which .answers").append(element("h3", {}, many ? `${one.title} (${one.run})` : one.title),
+      element("p", { class: "answer" }, one.sentence), place);
+    table(place, one, [0, 1]);
+  }
+}
+
+function faults() {
+  if (!DATA.faults.length) return hide("faults");
+  for (const one of DATA.faults) {
+    const row = 20, left = 96, width = 380, wide = 200;
+    const svg = element("svg", { viewBox: `0 0 ${width} ${row * one.bars.length + 6}` });
+    one.bars.forEach((bar, k) => {
+      const y = row * k + 3;
+      svg.append(element("text", { x: left - 8, y: y + 12, "text-anchor": "end" }, bar.name),
+        tip(element("rect", { x: left, y: y + 2, height: 13, width: Math.max(bar.length * wide, 0.5),
+          fill: bar.bad ? techniqueColor(one.technique) : "var(--line)" }),
+          `${one.label}: ${bar.name} ${bar.text} (${bar.limit} is a fault): ${bar.meaning}`),
+        element("text", { x: left + wide + 10, y: y + 12, class: bar.bad ? "" : "soft" }, bar.text));
+    });
+    svg.append(element("line", { class: "limit", x1: left + wide / 2, x2: left + wide / 2, y1: 0,
+      y2: row * one.bars.length + 6 }));
+    $("#faults .profiles").append(element("figure", {}, element("figcaption", {}, one.label), svg));
+  }
 }
 
 function roofline() {
@@ -282,10 +323,12 @@ function images() {
 }
 
 runs();
+answers();
 bars();
 table($("#frames .table"), DATA.frames);
 table($("#passes .table"), DATA.passes);
 distributions();
 roofline();
 errors();
+faults();
 images();

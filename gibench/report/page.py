@@ -17,10 +17,12 @@ import numpy as np
 import pandas as pd
 
 from gibench.measure.compare.timings import configuration_label
-from gibench.report.loaded import LoadedQuality, LoadedRun
+from gibench.report.faults import profile_of, profiled
+from gibench.report.loaded import LoadedQuality, LoadedRun, answers_of
 from gibench.report.markdown import report as markdown_report
-from gibench.report.plots import technique_colors
+from gibench.report.plots import pass_colors, technique_colors
 from gibench.report.tables import run_roofs
+from gibench.report.which_one import NUMBERS, Answer, cells, headings
 
 MOST_SAMPLES = 400
 """Times shown per distribution: more are thinned evenly, quantiles kept."""
@@ -69,9 +71,13 @@ _PASS_COLUMNS = {
 
 def page(runs: Sequence[LoadedRun], qualities: Sequence[LoadedQuality] = ()) -> str:
     """The page of ``runs``, aligned by configuration, with the errors of ``qualities``."""
-    data = _data(runs) | {"errors": [one for found in qualities for one in _errors(found)]}
-    shown = [one["technique"] for one in (*data["configurations"], *data["errors"])]
-    data["colors"] = technique_colors(shown)
+    data = _data(runs)
+    data["errors"] = [one for found in qualities for one in _errors(found)]
+    data["faults"] = [one for found in qualities for one in _faults(found)]
+    named = (*data["configurations"], *data["errors"], *data["faults"])
+    data["colors"] = technique_colors(one["technique"] for one in named)
+    passes = [item["name"] for one in data["configurations"] for item in one["passes"]]
+    data["pass_colors"] = pass_colors(passes)
     text = json.dumps(data, ensure_ascii=False, allow_nan=False)
     # '</' inside a script element would end it.
     return _template("page.html").replace("/*DATA*/null", text.replace("</", "<\\/"))
@@ -119,11 +125,39 @@ def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
             )
     return {
         "runs": [_run(name, run) for name, run in zip(names, runs, strict=True)],
+        "answers": [
+            _answer(name, run, found)
+            for name, run in zip(names, runs, strict=True)
+            for found in answers_of(run.path, run.record, run.frames)
+        ],
         "frames": _table(_FRAME_COLUMNS, frames),
         "passes": _table(_PASS_COLUMNS, passes),
         "configurations": sorted(configurations, key=lambda one: one["label"]),
         "images": images,
         "left_out": budget < 0,
+    }
+
+
+def _answer(name: str, run: LoadedRun, found: Answer) -> dict[str, Any]:
+    """Which one, of a scene and a profile: cells with what they sort by."""
+    labels = {
+        entry["configuration"]: configuration_label(entry, run.record)
+        for entry in run.record["configurations"]
+    }
+    rows: list[list[Any]] = []
+    for _, row in found.table.iterrows():
+        first, *figures, last = cells(row)
+        shown = [
+            {"text": text, "value": _plain(row[column])}
+            for text, column in zip(figures, NUMBERS, strict=True)
+        ]
+        rows.append([name, labels[row["configuration"]], first, *shown, last])
+    return {
+        "title": f"{found.scene}, profile {found.profile}",
+        "run": name,
+        "sentence": found.sentence,
+        "columns": ["run", "configuration", *headings()],
+        "rows": rows,
     }
 
 
@@ -148,6 +182,19 @@ def _errors(quality: LoadedQuality) -> list[dict[str, Any]]:
         }
         for _, row in rows.iterrows()
         if row["rel_l2"] > 0 and row["time_ms"] > 0
+    ]
+
+
+def _faults(quality: LoadedQuality) -> list[dict[str, Any]]:
+    """The faults of each result, as a profile."""
+    known = "technique" in quality.table and "result" in quality.table
+    return [
+        {
+            "label": f"{row['result']} on {row['scene']}",
+            "technique": row["technique"],
+            "bars": profile_of(row),
+        }
+        for row in (profiled(quality.table) if known else [])
     ]
 
 

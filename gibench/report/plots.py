@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.measure.runfolder.folder import write_atomically
+from gibench.report.colors import distinct
 from gibench.techniques.registry import techniques
 
 if TYPE_CHECKING:
@@ -26,11 +27,32 @@ TECHNIQUE_COLORS = (*COLORS[:4], "#9A7D00", "#8B6FD0", "#7B7F86", "#2A9FB5")
 
 
 def technique_colors(names: Iterable[str]) -> dict[str, str]:
-    """Each technique's own colour, the same in every plot; others than gibench's take the rest."""
+    """Each technique's own colour, the same in every plot; others than gibench's take the rest. No
+    two have the same.
+    """
     ours, shown = tuple(techniques()), tuple(dict.fromkeys(names))
     every = (*ours, *(name for name in shown if name not in ours))
-    colors = dict(zip(every, _cycle(TECHNIQUE_COLORS, len(every)), strict=True))
+    colors = dict(zip(every, distinct(TECHNIQUE_COLORS, len(every)), strict=True))
     return {name: colors[name] for name in shown}
+
+
+# Okabe and Ito's that stand out from white and near-black alike, then two more.
+PASS_COLORS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#9A7D00",
+    "#3E8FC9",
+    "#8C564B",
+    "#7B7F86",
+)
+
+
+def pass_colors(names: Iterable[str]) -> dict[str, str]:
+    """A colour for each pass, whatever technique it is of; no two have the same."""
+    every = tuple(dict.fromkeys(names))
+    return dict(zip(every, distinct(PASS_COLORS, len(every)), strict=True))
 
 
 @dataclass(frozen=True)
@@ -69,6 +91,7 @@ class Axes:
         log_y: logarithmic.
         level: a horizontal line with a label, or None.
         marks: labelled points (x, y, text).
+        limit: a vertical line, or None.
     """
 
     title: str
@@ -79,6 +102,7 @@ class Axes:
     log_y: bool = False
     level: tuple[float, str] | None = None
     marks: Sequence[tuple[float, float, str]] = field(default_factory=tuple)
+    limit: float | None = None
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -116,7 +140,7 @@ def plot(path: Path, axes: Sequence[Axes], caption: str) -> None:
     figure = new_figure(5.2 * len(axes), 4.2)
     for number, item in enumerate(axes, 1):
         where = figure.add_subplot(1, len(axes), number)
-        for color, series in zip(_cycle(COLORS, len(item.series)), item.series, strict=True):
+        for color, series in zip(distinct(COLORS, len(item.series)), item.series, strict=True):
             _draw(where, series, series.color or color)
         where.set(title=item.title, xlabel=item.x, ylabel=item.y)
         if item.log_x:
@@ -136,6 +160,8 @@ def plot(path: Path, axes: Sequence[Axes], caption: str) -> None:
                 va="bottom",
                 color="grey",
             )
+        if item.limit is not None:
+            where.axvline(item.limit, color="grey", linewidth=0.8, linestyle=":")
         for x, y, text in item.marks:
             where.annotate(text, (x, y), fontsize=6, xytext=(3, 3), textcoords="offset points")
         if len(item.series) > 1 or (item.series and item.series[0].label):
@@ -154,7 +180,7 @@ def bars(path: Path, groups: Mapping[str, Mapping[str, float]], y: str, caption:
     figure = new_figure(max(6.0, 1.1 * len(groups) * max(1, len(kinds)) / 2 + 2), 4.2)
     where = figure.add_subplot()
     width = 0.8 / max(1, len(kinds))
-    for number, (kind, color) in enumerate(zip(kinds, _cycle(COLORS, len(kinds)), strict=True)):
+    for number, (kind, color) in enumerate(zip(kinds, distinct(COLORS, len(kinds)), strict=True)):
         at = np.arange(len(groups)) + (number - (len(kinds) - 1) / 2) * width
         heights = [values.get(kind, float("nan")) for values in groups.values()]
         drawn = where.bar(at, heights, width, label=kind, color=color)
@@ -224,7 +250,3 @@ def _draw(where: Any, series: Series, color: str) -> None:
     if fitted is not None and len(series.x):
         ends = np.array([min(series.x), max(series.x)])
         where.plot(ends, fitted[0] * ends + fitted[1], "-", color=color, linewidth=0.9)
-
-
-def _cycle(values: Sequence[str], count: int) -> list[str]:
-    return [values[i % len(values)] for i in range(count)]

@@ -9,6 +9,7 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
+from gibench.report.faults import show_faults, told
 from gibench.report.tables import whole_numbers
 from gibench.report.terminal import console
 
@@ -108,6 +109,7 @@ def quality_report(
         ]
         lines += ["| " + " | ".join(_cells(row)) + " |" for _, row in group.iterrows()]
         lines += [f"\n> {warning}" for warning in (warnings or {}).get(str(scene), ())]
+        lines += told(group)
     lines += ["", *_MEANING]
     return "\n".join(lines) + "\n"
 
@@ -127,6 +129,7 @@ def show_quality(table: pd.DataFrame, machine: str) -> None:
         for _, row in group.drop_duplicates("result").iterrows():
             if said := _note(row):
                 out.print(f"[yellow]{escape(str(row['result']))}[/]: {escape(said)}")
+        show_faults(out, group)
         out.print(
             f"reference: mean standard error {100 * first['reference_error']:.2g} % of the mean; "
             f"none: not more than its noise; times measured on {escape(machine)}",

@@ -212,5 +212,12 @@ def cells(row: pd.Series) -> list[str]:
     ]
 
 
+NUMBERS = (
+    *("gi_ms", "worst_ms", "frame_ms", "memory_mib", "bake_seconds"),
+    *("rel_l2", "bias", "uncovered"),
+)
+"""Columns of an answer's table behind the cells between the first and the last."""
+
+
 def _figure(value: Any, form: str) -> str:
     return "" if value is None or pd.isna(value) else form.format(value).replace("%", " %")

@@ -11,6 +11,8 @@ import pandas as pd
 from gibench.errors import CannotRun
 from gibench.measure.plan.grid import Settings, grid
 from gibench.profiles import DeviceProfile
+from gibench.report.limits import METRICS as LIMITED
+from gibench.report.limits import Limit, front_of, in_limits, over
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS
 from gibench.study.pareto import pareto_front
@@ -75,43 +77,50 @@ def _that_matter(
     return tuple(receivers) if len(declared) > 1 else tuple(receivers[:1])
 
 
-def advice(rows: pd.DataFrame, budget_ms: float) -> pd.DataFrame:
-    """The table of what was tried, best error first among what fits, then the rest by time.
+def advice(rows: pd.DataFrame, limits: Sequence[Limit]) -> pd.DataFrame:
+    """The table of what was tried, best error first among what fits, then the rest by how far it is
+    over.
 
-    Two columns are added: ``fits`` (the median frame is within the budget; memory always is, or it
-    would not have run) and ``pareto`` (nothing else is better in time, memory and error).
+    Two columns are added: ``fits`` (it meets all limits, and memory that of the profile, or it
+    would not have run) and ``pareto`` (nothing else is better in all that the front is of).
 
     Args:
         rows: of ``quality.csv``; those of regions are left out.
-        budget_ms: time a frame may take.
+        limits: to be met.
     """
     table = rows[rows["region"] == WHOLE].copy()
-    for name in ("time_ms", "memory_bytes", *METRICS):
+    for name in (*(one.column for one in LIMITED.values()), *METRICS):
         if name not in table:
             table[name] = float("nan")
         table[name] = pd.to_numeric(table[name])
-    table["fits"] = (table["status"] == "ok") & (table["time_ms"] <= budget_ms)
-    table["pareto"] = pareto_front(
-        table[["time_ms", "memory_bytes", "rel_l2"]].to_numpy(np.float64)
-    )
+    ran = (table["status"] == "ok").to_numpy()
+    far = over(table, limits)
+    table["fits"] = ran & (far <= 1)
+    costs = np.stack([metric.of(table) for metric in front_of(limits)], axis=1)
+    known = np.isfinite(costs[ran]).any(axis=0) if ran.any() else np.ones(costs.shape[1], bool)
+    table["pareto"] = pareto_front(costs[:, known])
+    table["over"] = np.where(ran, far, np.inf)
     first = table[table["fits"]].sort_values("rel_l2", kind="stable")
-    rest = table[~table["fits"]].sort_values("time_ms", kind="stable")
-    return pd.concat([first, rest], ignore_index=True)
+    rest = table[~table["fits"]].sort_values("over", kind="stable")
+    return pd.concat([first, rest], ignore_index=True).drop(columns="over")
 
 
-def misfit(table: pd.DataFrame, budget_ms: float) -> CannotRun | None:
-    """What to say where no setting meets the budget: which comes nearest; None where one does."""
+def misfit(table: pd.DataFrame, limits: Sequence[Limit]) -> CannotRun | None:
+    """What to say where no setting meets the limits: which comes nearest; None where one does."""
     if table["fits"].any():
         return None
-    ran = table[table["status"] == "ok"]
+    ran = table[table["status"] == "ok"].reset_index(drop=True)
     if ran.empty:
         reason = table.iloc[0]["reason"] if len(table) else "nothing was tried"
         return CannotRun(f"nothing could run: {reason}")
-    nearest = ran.sort_values("time_ms").iloc[0]
+    far = over(ran, limits)
+    nearest = int(np.argmin(far))
+    row = ran.iloc[nearest]
+    costs = ", ".join(limit.metric.told(limit.metric.of(ran)[nearest]) for limit in limits)
     return CannotRun(
-        f"no setting meets {budget_ms:g} ms on this machine; nearest is {in_words(nearest)} with "
-        f"{nearest['time_ms']:.1f} ms",
-        mend="raise --budget-ms or lower --resolution or --receivers",
+        f"no setting meets {in_limits(limits)} on this machine; nearest is {in_words(row)} with "
+        f"{costs}, {far[nearest]:.2f} times over",
+        mend="raise a budget, or lower --resolution or --receivers",
     )
 
 

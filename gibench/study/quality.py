@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -23,6 +23,7 @@ from gibench.study.regions import read_regions
 from gibench.study.settle import refuse_motion, settle
 from gibench.study.site import Site
 from gibench.study.through_camera import view
+from gibench.study.watched import Watch, object_lag
 from gibench.techniques.job import Job
 from gibench.work import Executor, Serial, Worker, run_in_order
 
@@ -186,8 +187,13 @@ def _compared(study: _Study, unit: _Unit, worker: Worker) -> _Compared:
     group = group_of(job, options, site)
     shared = site.standing(options.light_frame)
     among = f"{unit.number} of {unit.of}"
+    watch = Watch.over(shared) if options.watched else None
+    seen, then = (watch.shared, watch.observe) if watch else (shared, None)
     try:
-        settled = settle(job, options.settle, shared, site.cl_device, worker, among)
+        settled = settle(job, options.settle, seen, site.cl_device, worker, among, then)
+        if watch and settled.irradiance.any():
+            half, nearly = object_lag(job, shared, site.cl_device, worker, settled.frames)
+            settled.observed = replace(settled.observed, lag_object_half=half, lag_object_95=nearly)
     except GibenchError as error:
         row = refused(job, group, options, unit.result, error)
         return _Compared([row | axis_values(job, study.axes)], error=error)

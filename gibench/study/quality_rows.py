@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from gibench.arrays import Doubles
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
 from gibench.measure.runfolder.axes import Axis
 from gibench.measure.runfolder.results import FAILED, OK, SKIPPED
+from gibench.measure.statistics import faults
+from gibench.measure.statistics.blotches import blotches
 from gibench.reference.metrics import Measure
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS, Truth, errors, errors_among
+from gibench.study.flat import FlatChart, flat_charts, flat_errors
 from gibench.study.regions import WHOLE, Mask
 from gibench.study.settle import Settled, SettleOptions
 from gibench.techniques.job import Job
@@ -57,6 +63,7 @@ class QualityOptions:
         reference_seed: of the path tracer.
         reference_paths: per receiver at most; None for as many as the target error takes.
         flip: whether FLIP is wanted, which takes longer than all other metrics together.
+        watched: whether further frames are run for flicker and lag.
     """
 
     settle: SettleOptions = field(default_factory=SettleOptions)
@@ -68,6 +75,7 @@ class QualityOptions:
     reference_seed: int = 1
     reference_paths: int | None = None
     flip: bool = True
+    watched: bool = False
 
 
 @dataclass(eq=False)
@@ -94,6 +102,18 @@ class Group:
     about: dict[str, Any]
     results: dict[str, Doubles] = field(default_factory=dict, repr=False)
 
+    @cached_property
+    def flat(self) -> list[FlatChart]:
+        """Its flat surfaces."""
+        return flat_charts(self.lightmap)
+
+    @cached_property
+    def dark_area(self) -> float:
+        """Share of the surface that is dark: where light is a leak."""
+        area = self.lightmap.receivers.area.astype(np.float64)
+        dark = faults.dark(self.truth.value, self.truth.stderr, area, self.open)
+        return float(area[dark].sum() / area.sum())
+
 
 def columns(axes: Sequence[Axis]) -> tuple[str, ...]:
     """The columns of ``quality.csv``, with one for each of ``axes``."""
@@ -108,7 +128,9 @@ def columns(axes: Sequence[Axis]) -> tuple[str, ...]:
         *("frames", "settled", "change", "memory_budget_bytes", "status", "reason"),
         *("uncovered", "bias_covered", "bias_covered_noise"),
         *("hidden", "bias_open", "bias_open_noise", "rel_l2_open", "rel_l2_open_noise"),
-        *("rest", "frames_to_rest", "ms_to_rest"),
+        *("rest", "frames_to_rest", "ms_to_rest", "gi_ms", "bake_seconds"),
+        *(fault.name for fault in faults.FAULTS),
+        "dark_area",
     )
 
 
@@ -129,12 +151,28 @@ def rows_of(
         "rest": settled.rest,
         "frames_to_rest": settled.frames_to_rest,
         "ms_to_rest": settled.ms_to_rest,
+        "gi_ms": settled.gi_ms,
+        "bake_seconds": settled.bake_seconds,
     }
     rows = [
         {**common, "region": region, **_figures(measures)} for region, measures in found.items()
     ]
-    rows[0] |= _cover(settled, group) | _among_open(settled, group)
+    rows[0] |= _cover(settled, group) | _among_open(settled, group) | _faults(settled, group)
     return rows
+
+
+def _faults(settled: Settled, group: Group) -> dict[str, float]:
+    """The figures of :data:`gibench.measure.statistics.faults.FAULTS`."""
+    truth, area = group.truth, group.lightmap.receivers.area.astype(np.float64)
+    result = settled.irradiance
+    flat = flat_errors(group.flat, result, truth.value, truth.stderr, area)
+    return {
+        "leak": faults.leak(result, truth.value, truth.stderr, area, group.open),
+        **asdict(settled.observed),
+        "blotches": blotches(flat),
+        "missing": faults.missing(result, settled.covered, truth.value, truth.stderr),
+        "dark_area": group.dark_area,
+    }
 
 
 def settings_in_words(settings: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +18,10 @@ from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Summary, summarize
 from gibench.progress import progress
 from gibench.scene.lightmap import Lightmap
+from gibench.study.watched import Observed
 from gibench.techniques.job import Job, Shot
+from gibench.techniques.registry import find_technique
+from gibench.techniques.technique import GI
 from gibench.work import Worker
 
 FIRST_CHECK = 16
@@ -61,6 +65,9 @@ class Settled:
         settled: whether it stood still at the end.
         change: of the mean irradiance in the last doubling of frames, as a share.
         times: wall times of the last frames.
+        gi_ms: median of what the passes of stage ``gi`` took together in those.
+        bake_seconds: wall time that baking took, now or when it was stored.
+        observed: what further frames showed, where they were asked for.
         rest: whether it is at rest, in words; empty where the technique does not tell.
         unrested: the same where it is not, though it may be.
         frames_to_rest: after so many it was, if it was.
@@ -77,6 +84,9 @@ class Settled:
     settled: bool
     change: float
     times: Summary
+    gi_ms: float = float("nan")
+    bake_seconds: float = 0.0
+    observed: Observed = field(default_factory=Observed)
     rest: str = ""
     unrested: str = ""
     frames_to_rest: int | None = None
@@ -90,6 +100,7 @@ def settle(
     cl_device: Any,
     worker: Worker,
     among: str = "",
+    then: Callable[[Session, int], Observed] | None = None,
 ) -> Settled:
     """Run ``job`` until it is settled and, if it tells, at rest, or has run all its frames, which
     are timed.
@@ -101,6 +112,7 @@ def settle(
         cl_device: where to run.
         worker: who runs it.
         among: what it is among others, for the progress bar, as in "3 of 18".
+        then: what looks at further frames of the settled session, given the next one's number.
 
     Raises:
         CannotRun: the profile, device or budget forbids it or one of its passes.
@@ -113,11 +125,14 @@ def settle(
         title = f"settling {job_label(job, session.world.scene.name)}"
         title += f" ({among})" if among else ""
         with worker.alone(), progress(title, options.frames) as advance:
-            frames, times = 0, []
+            frames, times, gi = 0, list[float](), list[float]()
+            of_gi = [item.name for item in session.prepared if item.stage == GI]
             watch = _Watch(options, _next=job.shot.flight.frames + FIRST_CHECK)
             rest = RestWatch.over(session)
             while frames < options.frames:
-                times.append(session.frame(frames).wall_ms)
+                taken = session.frame(frames)
+                times.append(taken.wall_ms)
+                gi.append(sum(taken.pass_ms[name] for name in of_gi))
                 frames += 1
                 advance(1)
                 rest.ran(times[-1])
@@ -127,8 +142,9 @@ def settle(
                 if options.seconds is not None and sum(times) > 1e3 * options.seconds:
                     watch.stands_still(session.irradiance())
                     break
-        warm = times[min(3, len(times) - 1) :][-options.timed :]
-        return Settled(
+        begin = min(3, len(times) - 1)
+        warm = times[begin:][-options.timed :]
+        settled = Settled(
             job=job,
             counts=session.counts(),
             memory_bytes=session.memory_bytes,
@@ -139,11 +155,22 @@ def settle(
             settled=watch.settled,
             change=watch.change,
             times=summarize(warm),
+            gi_ms=float(np.median(gi[begin:][-options.timed :])),
+            bake_seconds=shared.bake_seconds(
+                find_technique(job.technique),
+                job.settings,
+                session.world.scene,
+                session.world.lightmap,
+            ),
             rest=rest.in_words(),
             unrested=rest.warning(),
             frames_to_rest=rest.frames_to_rest,
             ms_to_rest=rest.ms_to_rest,
         )
+        if then is not None:
+            with worker.alone():
+                settled.observed = then(session, frames)
+        return settled
 
 
 def refuse_motion(shot: Shot) -> None:

@@ -15,6 +15,7 @@ from support import fake_technique
 from gibench.cli import main
 from gibench.cli.main import call
 from gibench.report.advice import advice_report
+from gibench.report.limits import read_limits
 from gibench.scene import builtin
 from gibench.scene.model import Scene
 
@@ -67,7 +68,10 @@ def test_a_warning_of_a_library_is_told_in_our_words(
 
 
 def test_advice_carries_them() -> None:
-    text = advice_report(pd.DataFrame(), "p", 3.0, "cpu", ["3 textures missing"])
+    text = advice_report(
+        *(pd.DataFrame(), pd.DataFrame(), "p", read_limits(3.0, None, ()), "cpu"),
+        ["3 textures missing"],
+    )
     assert "\n> 3 textures missing" in text
 
 

@@ -100,7 +100,7 @@ def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path) -> None:
             **BAKE,
         )
         assert found.error is None
-        tables.append(found.table.drop(columns=["time_ms", "ms_to_rest"]))
+        tables.append(found.table.drop(columns=["time_ms", "gi_ms", "ms_to_rest"]))
         receivers.append(found.receivers)
         for file in sorted((tmp_path / "Serial").rglob("images/**/*.png")):
             mine = tmp_path / name / file.relative_to(tmp_path / "Serial")
@@ -129,7 +129,7 @@ def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path) -> None
             target_error=0.5, reference_paths=16, out=out / "advise", executor=executor,
             **small, **BAKE,
         )  # fmt: skip
-        timed = ["time_ms", "ms_to_rest", "pareto"]  # which are best depends on times
+        timed = ["time_ms", "gi_ms", "ms_to_rest", "pareto"]  # which are best depends on times
         found["advise"].append(advised.table.drop(columns=timed))
         repeated = gibench.experiment(
             "sh-order", quick=True, target_error=1.0, reference_paths=16, out=out / "experiment",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
 import json
 import re
@@ -153,6 +154,62 @@ def test_techniques_have_colours_of_their_own(shown: Browser) -> None:
     assert len(set.union(*of.values())) == len(of)
 
 
+def test_a_newcomer_finds_the_answer_and_the_samples_behind_it(shown: Browser) -> None:
+    """Which one comes first; a time in it leads to its samples by Enter."""
+    headings = shown.ask("[...document.querySelectorAll('main h2')].map(h => h.textContent)")
+    assert headings[0] == "Which one"
+    assert shown.ask("document.querySelector('nav a').textContent") == "Which one"
+    top = "document.querySelector('#which .answer').getBoundingClientRect().top"
+    assert shown.ask(top) < shown.ask("innerHeight")  # seen without scrolling
+    assert shown.ask("document.querySelector('#which .answer').textContent").startswith(
+        "On this machine ("
+    )
+    shown.press("Tab")
+    assert shown.ask(f"{FOCUSED}.getAttribute('href')") == "#which"
+    choice = "document.querySelector('#distributions select')"
+    tab_to(shown, "#which td a")
+    before = shown.ask(f"{choice}.value")
+    while shown.ask(f"{FOCUSED}.closest('tr').rowIndex") < 2:
+        shown.press("Tab")
+    row = f"{FOCUSED}.closest('tr').children[0].textContent"
+    technique = shown.ask(row)
+    shown.press("Enter")
+    assert shown.ask(f"{choice}.value") != before
+    assert technique in shown.ask(f"{choice}.selectedOptions[0].textContent")
+    assert shown.ask("location.hash") == "#distributions"
+
+
+def test_a_pass_has_one_colour_and_no_two_in_a_legend_share_one(shown: Browser) -> None:
+    legends = shown.ask(
+        "[...document.querySelectorAll('.legend')].map(l => "
+        "[...l.querySelectorAll('span:not(.key)')].map(s => [s.textContent, "
+        "s.style.getPropertyValue('--c')]))"
+    )
+    bars = dict(legends[0])
+    assert len(bars) == len(legends[0]) == len(set(bars.values())) > 8
+    drawn = shown.ask(
+        "[...document.querySelectorAll('#bars rect')].map(r =>"
+        " [r.getAttribute('aria-label').split(':')[0], r.getAttribute('fill')])"
+    )
+    assert drawn and all(bars[name] == color for name, color in drawn)
+    dots = shown.ask("DATA.configurations.flatMap(c => c.passes.map(p => color(p.name)))")
+    assert set(dots) == set(bars.values()) - {"var(--line)"}
+
+
+def test_it_prints_on_paper(shown: Browser) -> None:
+    """White paper whatever the screen; nothing cut off, nothing to be clicked."""
+    media = [{"name": "prefers-color-scheme", "value": "dark"}]
+    shown.tell("Emulation.setEmulatedMedia", media="print", features=media)
+    style = "getComputedStyle(document.querySelector('{}')).{}"
+    assert shown.ask(style.format("body", "backgroundColor")) == "rgb(255, 255, 255)"
+    assert shown.ask(style.format("nav", "display")) == "none"
+    assert shown.ask(style.format("#frames .table", "overflowX")) == "visible"
+    assert shown.ask(style.format("#frames .table", "maxHeight")) == "none"
+    printed = shown.tell("Page.printToPDF", preferCSSPageSize=True, printBackground=True)
+    assert base64.b64decode(printed["data"]).startswith(b"%PDF")
+    shown.tell("Emulation.setEmulatedMedia", media="", features=[])
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_colours_stand_out(shown: Browser, scheme: str, tmp_path: Path) -> None:
     """Contrast of text 4.5, of what is drawn 3 (WCAG 2.1, 1.4.3 and 1.4.11)."""
@@ -162,9 +219,9 @@ def test_colours_stand_out(shown: Browser, scheme: str, tmp_path: Path) -> None:
     assert (luminance(colors["ground"]) < 0.05) == (scheme == "dark")
     for name in ("ink", "soft", "warn"):
         assert contrast(colors[name], colors["ground"]) >= 4.5, name
-    techniques = shown.ask("DATA.colors")
-    assert techniques
-    for name, color in techniques.items():
+    techniques, passes = shown.ask("DATA.colors"), shown.ask("DATA.pass_colors")
+    assert techniques and passes
+    for name, color in (techniques | passes).items():
         assert contrast(color, colors["ground"]) >= 3, name
     background = shown.ask("getComputedStyle(document.body).backgroundColor")
     shot = tmp_path / f"{scheme}.png"

@@ -114,7 +114,8 @@ def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
     assert "CONSOLE" not in ran.stderr
     # Bars, distributions, roofline with a mark for each of two passes, errors.
     assert ran.stdout.count("<svg") == 4 + 2
-    assert ran.stdout.count("<tr") == 2 + 4 + 8
+    # Frames, passes, and Which one of two runs.
+    assert ran.stdout.count("<tr") == 2 + 4 + 8 + 2 * (1 + 2)
     assert ran.stdout.count('class="bad"') == 2 + 4
     assert 'aria-label="one: ' in ran.stdout
 

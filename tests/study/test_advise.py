@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from gibench.cli.main import call
 from gibench.profiles import load_profile
+from gibench.report.limits import METRICS, in_limits, lifted, lifted_in_words, read_limits
 from gibench.scene.load import load_scene
 from gibench.study import quality
 from gibench.study.advise import advice, misfit, sweep
@@ -56,19 +57,102 @@ ROWS = pd.DataFrame(
 )
 
 
+def within(ms):
+    return read_limits(ms, None, ())
+
+
 def test_the_best_that_fits_comes_first():
-    table = advice(ROWS, 33.3)
+    table = advice(ROWS, within(33.3))
     assert table["technique"].tolist() == ["b", "d", "a", "c", "e"]
     assert table["fits"].tolist() == [True, True, True, False, False]
     assert table["pareto"].tolist() == [True, False, True, True, False]
-    assert misfit(table, 33.3) is None
+    assert misfit(table, within(33.3)) is None
 
 
 def test_a_budget_that_nothing_meets_names_what_comes_nearest():
-    told = misfit(advice(ROWS, 5.0), 5.0)
+    told = misfit(advice(ROWS, within(5.0)), within(5.0))
     assert re.search(r"meets 5 ms.*nearest is a \(default\).*10\.0 ms", str(told))
     assert told is not None and told.exit_code == 3
-    assert "nothing could run: too large" in str(misfit(advice(ROWS[-1:], 5.0), 5.0))
+    assert "nothing could run: too large" in str(
+        misfit(advice(ROWS[-1:], within(5.0)), within(5.0))
+    )
+
+
+MANY = pd.DataFrame(
+    [
+        row("a", 10.0, 8 * 2**20, 0.30, gi_ms=1.0, bake_seconds=0.0, leak=0.00),
+        row("b", 30.0, 16 * 2**20, 0.10, gi_ms=4.0, bake_seconds=0.0, leak=0.01),
+        row("c", 20.0, 40 * 2**20, 0.05, gi_ms=2.0, bake_seconds=60.0, leak=0.05),
+        row("d", 25.0, 80 * 2**20, 0.20, gi_ms=2.5, bake_seconds=10.0, leak=0.00),
+    ]
+)
+
+
+def fits(table):
+    return set(table.loc[table["fits"], "technique"])
+
+
+def test_limits_in_any_combination():
+    for asked, wanted in (
+        (["gi_ms=3"], {"a", "c", "d"}),
+        (["gi_ms=3", "memory_mib=50"], {"a", "c"}),
+        (["gi_ms=3", "memory_mib=50", "bake_s=30"], {"a"}),
+        (["error=0.2"], {"b", "c", "d"}),
+        (["error=0.2", "leak=0.02", "frame_ms=26"], {"d"}),
+        (["leak=0.02", "memory_mib=7"], set()),
+    ):
+        limits = read_limits(None, None, asked)
+        assert fits(advice(MANY, limits)) == wanted, asked
+    assert [one.metric.name for one in read_limits(None, None, ())] == ["frame_ms"]
+    assert in_limits(read_limits(None, 3.0, ["memory_mib=32", "error=0.15"])) == (
+        "3 ms of global illumination, 32 MiB and 15 % off the truth"
+    )
+
+
+def test_the_front_is_of_what_is_limited_and_of_time_memory_and_error():
+    """d is beaten by c in time, GI, memory and error; where bakes or leaks count, it is not."""
+    front = advice(MANY, read_limits(None, None, ["gi_ms=3"]))
+    assert set(front.loc[front["pareto"], "technique"]) == {"a", "b", "c"}
+    front = advice(MANY, read_limits(None, None, ["gi_ms=3", "bake_s=100"]))
+    assert set(front.loc[front["pareto"], "technique"]) == {"a", "b", "c", "d"}
+
+
+def test_what_one_limit_lifted_would_let_in():
+    limits = read_limits(None, None, ["gi_ms=3", "memory_mib=32"])
+    more = lifted(advice(MANY, limits), limits)
+    assert more["limit"].tolist() == ["gi_ms", "memory_mib"]
+    assert more["technique"].tolist() == ["b", "c"]
+    assert more["needed"].tolist() == [4.0, 40.0]
+    np.testing.assert_allclose(more["by"], [1 / 3, 0.25])
+    said = lifted_in_words(more.iloc[0])
+    assert said.startswith("with 4.00 ms of global illumination instead of 3 ms of global")
+    assert "(+33 %) b (default) at 1,000 receivers would fit, 10.0 % off the truth" in said
+    # What fits is the truest already: nothing to gain.
+    limits = read_limits(None, None, ["gi_ms=3", "memory_mib=50"])
+    assert lifted(advice(MANY, limits), limits).empty
+    # Two limits stand in the way of everything: no single one helps.
+    limits = read_limits(None, None, ["memory_mib=4", "gi_ms=0.5"])
+    assert lifted(advice(MANY, limits), limits).empty
+
+
+def test_wrong_budgets_are_told_in_one_line(tmp_path, capsys):
+    cache = ["--cache-dir", str(tmp_path / "cache"), "--out", str(tmp_path / "a")]
+    wrong = {
+        "speed=3": "no metric called 'speed'",
+        "leak": "is no budget",
+        "leak=much": "is not a number",
+        **{f"{name}={value}": "met by nothing" for name in METRICS for value in ("0", "-1", "nan")},
+    }
+    for budget, what in wrong.items():
+        assert call(["advise", *SMALL, *cache, "--budget", budget]) == 2
+        told = capsys.readouterr().err
+        assert told.count("\n") == 1 and what in told, budget
+    assert call(["advise", *SMALL, *cache, "--gi-budget-ms", "0"]) == 2
+    assert "--gi-budget-ms 0 is no time" in capsys.readouterr().err
+    assert call(["advise", *SMALL, *cache, "--budget", "leak=0.02"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1 and "'cornell-box' has no dark region" in told
+    assert not (tmp_path / "a").exists()
 
 
 def test_what_techniques_declare_is_tried_and_the_options_narrow_it():
@@ -106,7 +190,7 @@ def test_advise_on_the_command_line(tmp_path, monkeypatch, capsys):
     fits = ["advise", *SMALL, *cache, "--budget-ms", "10000", "--out", str(tmp_path / "a")]
     assert call(fits) == 0
     told = capsys.readouterr().out
-    assert "has the least error within 10000 ms" in " ".join(told.split())
+    assert "has the least error within 10000 ms a frame" in " ".join(told.split())
     assert "none is a time of the modelled device" in " ".join(told.split())
     table = pd.read_csv(tmp_path / "a/advice.csv")
     assert table["fits"].all() and table["rel_l2"].is_monotonic_increasing

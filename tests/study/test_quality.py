@@ -12,6 +12,7 @@ from gibench.cli.main import call
 from gibench.errors import BadInput
 from gibench.measure.plan.grid import grid
 from gibench.measure.runfolder.axes import Axis
+from gibench.measure.statistics.faults import FAULTS
 from gibench.profiles import load_profile
 from gibench.report.quality import error_text, open_text
 from gibench.scene.load import load_scene
@@ -234,6 +235,7 @@ SRP = ("-t", "srp", "--set", "srp.transport_rays=64", "--set", "srp.relight_samp
 SMALL = (
     *("--scene", "cornell-box", "--receivers", "400", "--sh-order", "1"),
     *("--resolution", "48x32", "--target-error", "0.5", "--frames", "40", "--quiet"),
+    "--no-faults",
 )
 
 
@@ -266,6 +268,14 @@ def test_quality_leaves_what_it_promises(run):
     assert (table.loc[table["region"] == "whole", "hidden"] == 0).all()
     assert direct["bias_open"] == direct["bias"] and direct["rel_l2_open"] == direct["rel_l2"]
     assert (table["time_ms"] > 0).all() and (table["memory_bytes"] > 0).all()
+    assert direct["missing"] == 1 and srp["missing"] < 0.05
+    assert (table["gi_ms"] < table["time_ms"]).all() and direct["gi_ms"] == 0
+    # None was asked for; flicker and lag need further frames.
+    watched = [fault.name for fault in FAULTS if fault.name.startswith(("flicker", "lag"))]
+    assert table[watched].isna().all(axis=None)
+    report = (out / "quality.md").read_text()
+    assert "### Faults" in report and "| **100.00 %** |" in report
+    assert (out / "faults.png").stat().st_size > 1000
     with np.load(out / "receivers.npz") as held:
         n = len(held["position"])
         shapes = {name: held[name].shape for name in held.files if name != "about"}
