@@ -31,6 +31,13 @@ ROOFS = Roofs(20.0, 15.0, 200.0, 2.0, 10.0)
 
 
 @pytest.fixture(autouse=True)
+def plots(request: pytest.FixtureRequest) -> None:
+    """Drawn where a test looks at them."""
+    if request.function is not test_the_folder_keeps_the_contract:
+        request.getfixturevalue("undrawn")
+
+
+@pytest.fixture(autouse=True)
 def only_the_fakes(monkeypatch: pytest.MonkeyPatch) -> None:
     specs = {spec.name: spec for spec in (fake_technique.SPEC, fake_technique.PLAIN)}
     monkeypatch.setattr("gibench.techniques.registry.techniques", lambda: specs)

@@ -127,7 +127,7 @@ def test_wrong_results_hangs_crashes_and_builds_that_fail_stop_no_other(tmp_path
         "parts/border_copy.cl:border_copy": NOTHING,
     }
     tree = faulty_tree(tmp_path, [*hang.items(), *faults.items()])
-    assert _judged(tree, hang, 5.0) == dict.fromkeys(hang, WRONG)
+    assert _judged(tree, hang, 4.0) == dict.fromkeys(hang, WRONG)
     assert _judged(tree, faults) == {
         "measure/roofs.cl:roof_read": WRONG,
         "gibs/life.cl:coverage": CANNOT_RUN,

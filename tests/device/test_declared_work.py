@@ -22,9 +22,7 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
-import subprocess
 import sys
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -34,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.oclgrind_runner import ONE_THREAD, SCRIPTS, needs_oclgrind
+from support.oclgrind_runner import COUNTING, SCRIPTS, Simulator, needs_oclgrind
 
 import gibench.techniques
 from gibench.device import SIMT
@@ -43,6 +41,7 @@ from gibench.techniques.registry import techniques
 sys.path.insert(0, str(SCRIPTS))
 
 from cases import Case
+from run_case import bake
 
 pytestmark = [pytest.mark.oclgrind, needs_oclgrind]
 
@@ -173,8 +172,11 @@ def baked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("case", cases(), ids=str)
-def test_passes_do_what_they_declare(baked: Path, case: Case) -> None:
-    declared, counted = counts(baked, case)
+def test_passes_do_what_they_declare(
+    tmp_path: Path, baked: Path, oclgrind: Simulator, case: Case
+) -> None:
+    bake(case, baked)  # not in the simulator, which counts frames
+    declared, counted = read_counts(simulated(oclgrind, tmp_path, baked, case))
     assert list(counted) == list(declared)
     wrong = []
     for name, work in declared.items():
@@ -210,26 +212,20 @@ def test_explanations_are_needed() -> None:
             assert len(row.why) > 10, row
 
 
-def counts(cache: Path, case: Case) -> tuple[dict[str, dict[str, float]], dict[str, Counter[str]]]:
-    """By pass: the work it declares, and what Oclgrind counts it to do in its last frame."""
+def simulated(oclgrind: Simulator, folder: Path, cache: Path, case: Case) -> str:
+    """What counts_under_oclgrind.py and Oclgrind print."""
     shape = SHAPES.get(case.technique, SHAPE_OF_OTHERS)[:3]
-    ran = subprocess.run(
-        [
-            *(*ONE_THREAD, "--inst-counts", sys.executable),
-            *(str(SCRIPTS / "counts_under_oclgrind.py"), str(cache)),
-            *(*(str(n) for n in shape), json.dumps(asdict(case))),
-        ],
-        env=dict(os.environ, PYOPENCL_NO_CACHE="1"),
-        capture_output=True,
-        text=True,
-        timeout=200,
-    )
-    assert ran.returncode == 0, ran.stderr
+    given = (str(cache), *(str(n) for n in shape), json.dumps(asdict(case)))
+    return oclgrind.run(folder, COUNTING, "counts_under_oclgrind.py", *given)
+
+
+def read_counts(printed: str) -> tuple[dict[str, dict[str, float]], dict[str, Counter[str]]]:
+    """By pass: the work it declares, and what Oclgrind counts it to do in its last frame."""
     declared: dict[str, dict[str, float]] = {}
     counted: dict[str, Counter[str]] = {}
     now: Counter[str] | None = None
     kernel: Counter[str] = Counter()
-    for line in [*ran.stdout.splitlines(), "END"]:
+    for line in [*printed.splitlines(), "END"]:
         if line.startswith(("PASS ", "END", "Instructions executed for kernel")):
             if now is not None:
                 now += without_tracing(kernel)

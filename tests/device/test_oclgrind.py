@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
-from support.oclgrind_runner import SCRIPTS, needs_oclgrind, under_oclgrind
+from support.oclgrind_runner import SCRIPTS, Simulator, needs_oclgrind
 
 from gibench.device import list_devices
 from gibench.device.build import vector_width
@@ -89,23 +89,25 @@ def left_out(shared: Path, case: Case, ran: list[str]) -> set[str]:
 @pytest.mark.oclgrind
 @needs_oclgrind
 @pytest.mark.parametrize("fault", ["bounds", "race", "uninitialised"])
-def test_a_fault_is_found(tmp_path: Path, fault: str) -> None:
-    assert under_oclgrind(tmp_path, "unsound.py", fault)[1]
+def test_a_fault_is_found(tmp_path: Path, oclgrind: Simulator, fault: str) -> None:
+    assert oclgrind.looked(tmp_path, "unsound.py", fault)[1]
 
 
 @pytest.mark.oclgrind
 @needs_oclgrind
-def test_a_sound_kernel_leaves_an_empty_log(tmp_path: Path) -> None:
-    assert under_oclgrind(tmp_path, "unsound.py", "none")[1] == ""
+def test_a_sound_kernel_leaves_an_empty_log(tmp_path: Path, oclgrind: Simulator) -> None:
+    assert oclgrind.looked(tmp_path, "unsound.py", "none")[1] == ""
 
 
 @pytest.mark.oclgrind
 @needs_oclgrind
 @pytest.mark.parametrize("case", [*CASES, *SLOW], ids=str)
-def test_nothing_is_found(tmp_path: Path, shared: Path, cache: Path, case: Case) -> None:
+def test_nothing_is_found(
+    tmp_path: Path, shared: Path, cache: Path, oclgrind: Simulator, case: Case
+) -> None:
     # A bake that lies in the cache would not run.
     folder = tmp_path if case.what == "bake" else cache
-    ran, log = under_oclgrind(tmp_path, "run_case.py", *arguments(folder, case))
+    ran, log = oclgrind.looked(tmp_path, "run_case.py", *arguments(folder, case))
     assert log == ""
     assert ran
     assert left_out(shared, case, ran) == set()

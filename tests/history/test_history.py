@@ -149,20 +149,16 @@ def test_recorded_runs_of_older_gibench_are_read() -> None:
         assert (samples["value"][samples["pass"] == FRAME] > 0).all()
 
 
-def _add(runs: list[Path], history: Path) -> None:
-    history_add(runs, history)
-
-
 @KINDS
 def test_many_writers_lose_nothing(tmp_path: Path, runs: list[Path], name: str) -> None:
     path = tmp_path / name
     spawn = multiprocessing.get_context("spawn")
     parts = [runs[:8], runs[6:14], runs[12:]]
-    writers = [spawn.Process(target=_add, args=(part, path)) for part in parts]
+    writers = [spawn.Process(target=history_add, args=(part, path)) for part in parts]
     for writer in writers:
         writer.start()
     for writer in writers:
-        writer.join(60)
+        writer.join()
         assert writer.exitcode == 0
     assert {len(one.runs) for one in read_series(History(path))} == {20}
 

@@ -211,7 +211,7 @@ def test_advise_on_the_command_line(tmp_path, monkeypatch, capsys):
         assert "is no time" in capsys.readouterr().err
 
 
-def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys):
+def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys, undrawn):
     """Ctrl-C while the second setting runs; the same command tries only that one again."""
     tried, settle = [], quality.settle
 

@@ -14,9 +14,10 @@ Usage (in the repository's root)::
         gibench.measure.statistics,gibench.measure.compare.paired tests/measure
     python tests/support/kernel_mutants.py compare BEFORE.csv AFTER.csv
 
-The second argument of ``kernels`` is a folder or a file of kernels_cl, that of ``statistics``
-modules or packages. Options of pytest may follow the tests. ``compare`` fails where a mutant was
-caught in BEFORE and is not in AFTER.
+The second argument of ``kernels`` is a folder or a file of kernels_cl or names with commas between
+them (``ddgi/trace.cl:probe_trace``), that of ``statistics`` modules or packages. Rows of OUT.csv
+that are of other mutants stay. Options of pytest may follow the tests. ``compare`` fails where a
+mutant was caught in BEFORE and is not in AFTER.
 """
 
 from __future__ import annotations
@@ -26,11 +27,12 @@ import importlib
 import os
 import pkgutil
 import re
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 KERNEL = re.compile(
@@ -52,6 +54,8 @@ def body_of(source: str, start: int) -> int:
 
 def kernels(where: str) -> list[str]:
     """``file:kernel`` of every kernel of a file of kernels_cl, or beneath a folder of it."""
+    if ":" in where:
+        return where.split(",")
     root = ROOT / "kernels_cl"
     place = root / where
     return [
@@ -118,10 +122,7 @@ def mutate_statistic(module: str, function: str) -> None:
 
 def replace_everywhere(plain: Any, other: Any) -> None:
     """In every module of gibench that has it, by whatever name."""
-    package = importlib.import_module("gibench")
-    for one in pkgutil.walk_packages(package.__path__, "gibench."):
-        if one.name != "gibench.__main__":
-            importlib.import_module(one.name)
+    load_all()
     for name, module in list(sys.modules.items()):
         if name.startswith("gibench"):
             for key, value in list(vars(module).items()):
@@ -138,39 +139,54 @@ def pytest_configure() -> None:
         mutate_statistic(first, second)
 
 
+def load_all() -> None:
+    """Import what tests import, once for all mutants."""
+    package = importlib.import_module("gibench")
+    for one in pkgutil.walk_packages(package.__path__, "gibench."):
+        if one.name != "gibench.__main__":
+            importlib.import_module(one.name)
+
+
 def failures(mutant: str, tests: list[str]) -> list[str]:
-    """The first test that fails, or none."""
+    """The first test that fails, or none; run in a fork, which loads nothing again."""
     with tempfile.NamedTemporaryFile("r", suffix=".txt") as told:
-        environment = dict(os.environ)
-        environment[MUTANT] = mutant
-        environment["PYTHONPATH"] = os.pathsep.join(
-            [str(ROOT), str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]
-        )
-        command = [sys.executable, "-m", "pytest", "-q", "--no-header", "-p", "no:cacheprovider"]
-        options = ["-x", "-p", "support.kernel_mutants", "--tb=no", "-rfE", "-m", "not slow"]
-        with Path(told.name).open("w") as log:
-            ran = subprocess.run(
-                [*command, *options, *tests], cwd=ROOT, env=environment, stdout=log, stderr=log
-            )
+        if (child := os.fork()) == 0:
+            file = os.open(told.name, os.O_WRONLY)
+            os.dup2(file, 1)
+            os.dup2(file, 2)
+            os.environ[MUTANT] = mutant
+            options = ["-q", "--no-header", "-p", "no:cacheprovider", "-x", "--tb=no", "-rfE"]
+            plugin = ["-p", "support.kernel_mutants", "-m", "not slow"]
+            code = int(pytest.main([*options, *plugin, *tests]))
+            sys.stdout.flush()
+            os._exit(code)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         lines = told.read().splitlines()
-    if ran.returncode not in (0, 1):
-        raise SystemExit(f"{mutant}: pytest failed ({ran.returncode}):\n" + "\n".join(lines[-20:]))
+    if code < 0:
+        return [f"ended by signal {-code}"]
+    if code not in (0, 1):
+        raise SystemExit(f"{mutant}: pytest failed ({code}):\n" + "\n".join(lines[-20:]))
     found = [line.split(" ")[1] for line in lines if line.startswith(("FAILED ", "ERROR "))]
     return found[:1]
 
 
 def record(mutants: list[str], out: Path, tests: list[str]) -> None:
     """Run ``tests`` for each mutant and write the table."""
+    load_all()
     if broken := failures("", tests):
         raise SystemExit(f"they fail without a mutant: {broken[:5]}")
-    with out.open("w", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(["mutant", "noticed", "by"])
-        for mutant in mutants:
-            found = failures(mutant, tests)
-            table.writerow([mutant, int(bool(found)), "".join(found)])
-            file.flush()
-            print(mutant, *(found or ["NOT NOTICED"]), flush=True)
+    rows: dict[str, list[str]] = {}
+    if out.exists():
+        with out.open(newline="") as file:
+            rows = {row["mutant"]: list(row.values()) for row in csv.DictReader(file)}
+    for mutant in mutants:
+        found = failures(mutant, tests)
+        rows[mutant] = [mutant, str(int(bool(found))), "".join(found)]
+        print(mutant, *(found or ["NOT NOTICED"]), flush=True)
+        with out.open("w", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(["mutant", "noticed", "by"])
+            table.writerows(rows[name] for name in sorted(rows))
 
 
 def lost(before: Path, after: Path) -> list[str]:
@@ -193,4 +209,5 @@ def main(what: str, *arguments: str) -> None:
 
 
 if __name__ == "__main__":
+    sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
     main(*sys.argv[1:])

@@ -276,7 +276,7 @@ TURN = '[[motion]]\nobject = "tall box"\naxis = [0, 1, 0]\nperiod_frames = 20\n'
 
 
 @pytest.fixture
-def file(tmp_path):
+def file(tmp_path, undrawn):
     path = tmp_path / "motion.toml"
     path.write_text(TURN)
     return str(path)
@@ -321,7 +321,7 @@ def test_a_run_whose_objects_move(tmp_path, file, capsys):
     assert passes.loc[MOVES, "bytes"].gt(0).all()
 
 
-def test_a_run_at_rest_has_the_passes_it_had(tmp_path):
+def test_a_run_at_rest_has_the_passes_it_had(tmp_path, undrawn):
     code, out = run(tmp_path, "-t", "direct")
     assert code == 0
     samples = pd.read_csv(out / "samples.csv")
