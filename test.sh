@@ -18,7 +18,7 @@ if [ -z "$opencl" ] && ! command -v oclgrind > /dev/null && command -v apt-get >
 fi
 
 [ -x .venv/bin/python ] || python3 -m venv .venv
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,truth,browser,project,history]'
+.venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,truth,browser,project,history,cluster]'
 PATH="$PWD/.venv/bin:$PATH"
 
 if [ -n "$opencl" ]; then

@@ -79,6 +79,9 @@ def advise(
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    scheduler: options.Scheduler = None,
+    scheduler_file: options.SchedulerFile = None,
+    workers: options.Workers = None,
     seed: options.Seed = 0,
     device: options.DeviceNumber = None,
     cache_dir: options.CacheDir = None,
@@ -100,32 +103,35 @@ def advise(
       gibench advise --scene two-rooms --budget leak=0.02 --budget bake_s=60
     """
     from gibench.commands.advise import advise as give_advice
+    from gibench.commands.cluster import cluster
 
-    result = give_advice(
-        device_profile=device_profile,
-        budget_ms=budget_ms,
-        gi_budget_ms=gi_budget_ms,
-        budget=budget or (),
-        scene=scene,
-        technique=technique,
-        variant=variant,
-        sh_order=sh_order,
-        probes=probes,
-        receivers=receivers,
-        settings=settings,
-        light_frame=light_frame,
-        target_error=target_error,
-        reference_paths=reference_paths,
-        frames=frames,
-        resolution=resolution,
-        camera=camera,
-        project=project,
-        shard=shard,
-        out=out,
-        seed=seed,
-        device=device,
-        cache_dir=cache_dir,
-    )
+    with cluster(scheduler, scheduler_file, workers) as executor:
+        result = give_advice(
+            device_profile=device_profile,
+            budget_ms=budget_ms,
+            gi_budget_ms=gi_budget_ms,
+            budget=budget or (),
+            scene=scene,
+            technique=technique,
+            variant=variant,
+            sh_order=sh_order,
+            probes=probes,
+            receivers=receivers,
+            settings=settings,
+            light_frame=light_frame,
+            target_error=target_error,
+            reference_paths=reference_paths,
+            frames=frames,
+            resolution=resolution,
+            camera=camera,
+            project=project,
+            shard=shard,
+            out=out,
+            seed=seed,
+            device=device,
+            cache_dir=cache_dir,
+            executor=executor,
+        )
     if shard is not None:
         if not quiet:
             typer.echo(f"{len(result.table)} rows of shard {shard}; see {result.folder}")

@@ -14,6 +14,9 @@ def bake(
     probes: options.Probes = None,
     receivers: options.ReceiverCounts = None,
     settings: options.Set = None,
+    scheduler: options.Scheduler = None,
+    scheduler_file: options.SchedulerFile = None,
+    workers: options.Workers = None,
     seed: options.Seed = 0,
     cache_dir: options.CacheDir = None,
     quiet: options.Quiet = False,
@@ -27,19 +30,22 @@ def bake(
       gibench bake --scene sponza.obj --sh-order 2 --sh-order 7
     """
     from gibench.commands.bake import bake_ahead
+    from gibench.commands.cluster import cluster
 
-    for baked in bake_ahead(
-        scene=scene,
-        technique=technique,
-        sh_order=sh_order,
-        probes=probes,
-        receivers=receivers,
-        settings=settings,
-        seed=seed,
-        cache_dir=cache_dir,
-    ):
-        if not quiet:
-            typer.echo(
-                f"{baked.technique} on {baked.scene}: {baked.receivers:,} receivers, "
-                f"{baked.settings}: baked in {baked.seconds:.1f} s"
-            )
+    with cluster(scheduler, scheduler_file, workers) as executor:
+        for baked in bake_ahead(
+            scene=scene,
+            technique=technique,
+            sh_order=sh_order,
+            probes=probes,
+            receivers=receivers,
+            settings=settings,
+            seed=seed,
+            cache_dir=cache_dir,
+            executor=executor,
+        ):
+            if not quiet:
+                typer.echo(
+                    f"{baked.technique} on {baked.scene}: {baked.receivers:,} receivers, "
+                    f"{baked.settings}: baked in {baked.seconds:.1f} s"
+                )

@@ -71,6 +71,9 @@ def experiment(
             "there are not measured again.",
         ),
     ] = None,
+    scheduler: options.Scheduler = None,
+    scheduler_file: options.SchedulerFile = None,
+    workers: options.Workers = None,
     seed: options.Seed = 0,
     device: options.DeviceNumber = None,
     cache_dir: options.CacheDir = None,
@@ -103,25 +106,28 @@ def experiment(
             table.add_row(item.name, escape(item.title), escape(item.source))
         console().print(table)
         return
+    from gibench.commands.cluster import cluster
     from gibench.commands.experiment import experiment as repeat
 
-    result = repeat(
-        name,
-        quick=quick,
-        device_profile=device_profile,
-        scene=scene,
-        target_error=target_error,
-        reference_paths=reference_paths,
-        frames=frames,
-        warmup_frames=warmup_frames,
-        warmup_seconds=warmup_seconds,
-        resolution=resolution,
-        shard=shard,
-        out=out,
-        seed=seed,
-        device=device,
-        cache_dir=cache_dir,
-    )
+    with cluster(scheduler, scheduler_file, workers) as executor:
+        result = repeat(
+            name,
+            quick=quick,
+            device_profile=device_profile,
+            scene=scene,
+            target_error=target_error,
+            reference_paths=reference_paths,
+            frames=frames,
+            warmup_frames=warmup_frames,
+            warmup_seconds=warmup_seconds,
+            resolution=resolution,
+            shard=shard,
+            out=out,
+            seed=seed,
+            device=device,
+            cache_dir=cache_dir,
+            executor=executor,
+        )
     if not quiet:
         done = int((result.table["status"] == "ok").sum())
         typer.echo(f"{done} of {len(result.table)} rows measured; see {result.folder}")

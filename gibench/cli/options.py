@@ -12,6 +12,7 @@ from gibench.cli.notices import errors_only
 
 GRID, OUTPUT = "What to run (repeat an option to make a grid)", "How and where"
 TRUTH = "The truth to compare with"
+CLUSTER = "On a cluster (docs/cluster.md)"
 _SCENE_HELP = "Built-in scene, mesh (.gltf, .glb, .obj) or scene file (.toml)."
 
 Profiles = Annotated[
@@ -291,6 +292,35 @@ WarmupSecondsOrAuto = Annotated[
         help="Seconds of frames at most that it waits; by default 180, and 20 where all techniques "
         "are run.",
         rich_help_panel=OUTPUT,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Compute on the workers of this Dask scheduler, for instance tcp://head:8786; needs "
+        "the extra 'cluster'.",
+        rich_help_panel=CLUSTER,
+    ),
+]
+SchedulerFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--scheduler-file",
+        metavar="FILE",
+        help="The same, by the file that the scheduler wrote.",
+        rich_help_panel=CLUSTER,
+    ),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        min=1,
+        metavar="N",
+        help="Compute on so many worker processes of this machine.",
+        rich_help_panel=CLUSTER,
     ),
 ]
 Shard = Annotated[

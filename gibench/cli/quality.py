@@ -94,6 +94,9 @@ def quality(
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    scheduler: options.Scheduler = None,
+    scheduler_file: options.SchedulerFile = None,
+    workers: options.Workers = None,
     seed: options.Seed = 0,
     device: options.DeviceNumber = None,
     cache_dir: options.CacheDir = None,
@@ -116,38 +119,41 @@ def quality(
 
       gibench quality --scene blue-orange-box --region shadow=0.3,0.5,0.4,0.7
     """
+    from gibench.commands.cluster import cluster
     from gibench.commands.quality import quality as compare
 
-    result = compare(
-        device_profile=device_profile,
-        scene=scene,
-        technique=technique,
-        variant=variant,
-        sh_order=sh_order,
-        probes=probes,
-        receivers=receivers,
-        workgroup_size=workgroup_size,
-        settings=settings,
-        light_frame=light_frame,
-        bounces=bounces,
-        target_error=target_error,
-        reference=reference,
-        reference_seed=reference_seed,
-        reference_paths=reference_paths,
-        region=region,
-        frames=frames,
-        faults=faults,
-        resolution=resolution,
-        camera=camera,
-        camera_path=camera_path,
-        rest_frames=rest_frames,
-        flight_frames=flight_frames,
-        motion=moving,
-        out=out,
-        seed=seed,
-        device=device,
-        cache_dir=cache_dir,
-    )
+    with cluster(scheduler, scheduler_file, workers) as executor:
+        result = compare(
+            device_profile=device_profile,
+            scene=scene,
+            technique=technique,
+            variant=variant,
+            sh_order=sh_order,
+            probes=probes,
+            receivers=receivers,
+            workgroup_size=workgroup_size,
+            settings=settings,
+            light_frame=light_frame,
+            bounces=bounces,
+            target_error=target_error,
+            reference=reference,
+            reference_seed=reference_seed,
+            reference_paths=reference_paths,
+            region=region,
+            frames=frames,
+            faults=faults,
+            resolution=resolution,
+            camera=camera,
+            camera_path=camera_path,
+            rest_frames=rest_frames,
+            flight_frames=flight_frames,
+            motion=moving,
+            out=out,
+            seed=seed,
+            device=device,
+            cache_dir=cache_dir,
+            executor=executor,
+        )
     if not quiet and len(result.table):
         from gibench.measure.machine.environment import cpu_name
         from gibench.report.quality import show_quality

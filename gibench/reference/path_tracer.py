@@ -32,9 +32,11 @@ from gibench.rays.offset import ray_scale
 from gibench.reference import store
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
+from gibench.reference.tiles import Tracing, traced_rounds
 from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
+from gibench.work import Executor, elsewhere
 
 Advance = Callable[[int], None]
 
@@ -96,6 +98,7 @@ def reference_irradiance(
     normal_maps: bool = False,
     store_dir: Path | None = None,
     progress: Advance | None = None,
+    executor: Executor | None = None,
 ) -> Reference:
     """Path-traced indirect irradiance at every receiver.
 
@@ -115,6 +118,8 @@ def reference_irradiance(
         normal_maps: cosines are taken to the mapped normal where a receiver has one.
         store_dir: keep rounds here and go on from what is there; None keeps nothing.
         progress: called with the number of paths just traced; None shows a bar.
+        executor: traces tiles where it has other processes; else all is traced here, with all that
+            kernels and rays have. The values are the same.
 
     Returns:
         The irradiance, (n, 3) in W/m2 per linear RGB channel, and its standard error.
@@ -133,7 +138,7 @@ def reference_irradiance(
     plan = _plan(paths, target_error, start.owners)
     bent = normal_maps and scene.normal_maps is not None
     rounds, key = _traced(
-        scene, start, of_start, frame, bounces, seed, plan, store_dir, progress, bent
+        scene, start, of_start, frame, bounces, seed, plan, store_dir, progress, bent, executor
     )
     return _reference(rounds, plan, key, math.pi, rounds.mean.shape)
 
@@ -154,6 +159,7 @@ def reference_image(
     normal_maps: bool = False,
     store_dir: Path | None = None,
     progress: Advance | None = None,
+    executor: Executor | None = None,
 ) -> Reference:
     """A path-traced image, box-filtered over each pixel; row 0 is the top.
 
@@ -174,6 +180,7 @@ def reference_image(
         normal_maps: what the camera sees is shaded with its mapped normal.
         store_dir: keep rounds here and go on from what is there.
         progress: called with the number of paths just traced; None shows a bar.
+        executor: as in :func:`reference_irradiance`.
 
     Returns:
         The image (height, width, 3) and its standard error.
@@ -194,7 +201,7 @@ def reference_image(
     plan = _plan(paths, target_error, start.owners)
     bent = normal_maps and scene.normal_maps is not None
     rounds, key = _traced(
-        scene, start, of_start, frame, bounces, seed, plan, store_dir, progress, bent
+        scene, start, of_start, frame, bounces, seed, plan, store_dir, progress, bent, executor
     )
     scale = math.pi if irradiance else 1.0
     return _reference(rounds, plan, key, scale, (height, width, 3))
@@ -225,6 +232,7 @@ def _traced(
     folder: Path | None,
     advance: Advance | None,
     normal_maps: bool,
+    executor: Executor | None = None,
 ) -> tuple[store.Rounds, store.Key]:
     lights = repr(scene.lights_at(frame))
     key: store.Key = {
@@ -243,6 +251,30 @@ def _traced(
     held = None if folder is None else store.load(folder, key, start.owners)
     rounds = held or store.Rounds.none(start.owners)
     if _done(rounds, plan):
+        return rounds, key
+    if executor is not None and elsewhere(executor):
+        tracing = Tracing(scene, frame, normal_maps, start, bounces, plan.per_round)
+        total = (plan.rounds - rounds.count) * start.owners * plan.per_round
+        with progress_bar(f"path tracing {scene.name}", total) as bar:
+            last = [time.monotonic()]
+
+            def keep(always: bool = False) -> None:
+                if folder is not None and (
+                    always or time.monotonic() - last[0] > _SAVE_EVERY_SECONDS
+                ):
+                    store.save(folder, key, rounds)
+                    last[0] = time.monotonic()
+
+            traced_rounds(
+                tracing,
+                rounds,
+                executor,
+                seeds=lambda number: _round_seed(seed, number),
+                done=lambda: _done(rounds, plan),
+                most=plan.rounds,
+                keep=keep,
+                advance=advance or bar,
+            )
         return rounds, key
     wavefront = Wavefront(
         pack_scene(scene, frame, normal_maps), scene_tracer(scene), start, bounces

@@ -98,5 +98,10 @@ def _text(key: Key) -> str:
     return json.dumps(dict(key), sort_keys=True)
 
 
+def stored_file(folder: Path, digest: str) -> Path:
+    """The file of the rounds whose key has this digest."""
+    return folder / f"reference-{digest[:32]}.npz"
+
+
 def _file(folder: Path, key: Key) -> Path:
-    return folder / f"reference-{key_digest(key)[:32]}.npz"
+    return stored_file(folder, key_digest(key))

@@ -81,6 +81,22 @@ class CameraStart:
         return self.width * self.height
 
 
+def wave_capacity(scene: PackedScene, wave_paths: int = WAVE_PATHS) -> int:
+    """Paths that one wave takes at most."""
+    return max(1, min(wave_paths, _WAVE_SHADOW_RAYS // max(1, _slots(scene))))
+
+
+def owners_at_once(capacity: int, owners: int, samples: int) -> int:
+    """Owners whose ``samples`` paths each make a wave."""
+    return max(1, min(capacity // samples, owners))
+
+
+def _slots(scene: PackedScene) -> int:
+    """Shadow rays of a path's vertex."""
+    sampled = int(scene.environment_table.sampled)
+    return len(scene.lights) + (len(scene.emitters.triangle) > 0) + sampled
+
+
 class Wavefront:
     """Traces waves of paths through one scene.
 
@@ -119,8 +135,8 @@ class Wavefront:
         self._emitters = len(scene.emitters.triangle)
         self._sampled = int(scene.environment_table.sampled)
         self._has_area_light = scene.has_area_light
-        self._slots = self._delta + (self._emitters > 0) + self._sampled
-        self.capacity = max(1, min(wave_paths, _WAVE_SHADOW_RAYS // max(1, self._slots)))
+        self._slots = _slots(scene)
+        self.capacity = wave_capacity(scene, wave_paths)
         height, width = scene.environment.shape[:2]
         table = scene.environment_table
         self._triangles = reads("triangles", share(scene.triangles))
@@ -184,18 +200,32 @@ class Wavefront:
         began = time.perf_counter()
         owners = self.start.owners
         mean = np.empty((owners, 3), np.float64)
-        at_once = max(1, min(self.capacity // samples, owners))
-        # Kept between rounds: fresh memory costs as much to touch as a kernel to run.
-        if self._queues is None or self._queues.paths < at_once * samples:
-            self._queues = Queues(self.program, at_once * samples, self._slots)
-        queues = self._queues
+        at_once = owners_at_once(self.capacity, owners, samples)
         for first in range(0, owners, at_once):
             count = min(at_once, owners - first)
-            self._wave(queues, first, count, samples, seed)
-            mean[first : first + count] = queues.mean.array[:count]
+            mean[first : first + count] = self._part(first, count, at_once, samples, seed)
             advance(count * samples)
         self.work.seconds += time.perf_counter() - began
         return mean
+
+    def tile(self, first: int, samples: int, seed: int) -> npt.NDArray[np.float64]:
+        """Of :meth:`round` the owners from ``first`` on that one wave traces."""
+        began = time.perf_counter()
+        at_once = owners_at_once(self.capacity, self.start.owners, samples)
+        count = min(at_once, self.start.owners - first)
+        mean = self._part(first, count, at_once, samples, seed).astype(np.float64)
+        self.work.seconds += time.perf_counter() - began
+        return mean
+
+    def _part(
+        self, first: int, count: int, at_once: int, samples: int, seed: int
+    ) -> npt.NDArray[np.float32]:
+        # Kept between rounds: fresh memory costs as much to touch as a kernel to run.
+        if self._queues is None or self._queues.paths < at_once * samples:
+            self._queues = Queues(self.program, at_once * samples, self._slots)
+        self._wave(self._queues, first, count, samples, seed)
+        means: npt.NDArray[np.float32] = self._queues.mean.array[:count]
+        return means
 
     def _wave(self, q: Queues, first: int, owners: int, samples: int, seed: int) -> None:
         run, count = self.program.run, owners * samples

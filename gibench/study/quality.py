@@ -14,6 +14,7 @@ from gibench.errors import BadInput, GibenchError
 from gibench.measure.plan.view import choose_camera
 from gibench.measure.runfolder.axes import Axis, axis_values
 from gibench.reference.path_tracer import check_paths, reference_irradiance
+from gibench.study.ahead import bake_ahead, site_for
 from gibench.study.errors import Truth
 from gibench.study.frozen import FrozenShared
 from gibench.study.hidden import open_receivers
@@ -25,7 +26,7 @@ from gibench.study.site import Site
 from gibench.study.through_camera import view
 from gibench.study.watched import Watch, object_lag
 from gibench.techniques.job import Job
-from gibench.work import Executor, Serial, Worker, run_in_order
+from gibench.work import Executor, Serial, Worker, elsewhere, run_in_order
 
 
 @dataclass
@@ -102,6 +103,11 @@ class _Unit:
         """In messages."""
         return self.result
 
+    @property
+    def timed(self) -> bool:
+        """Its frames are timed."""
+        return True
+
 
 @dataclass(frozen=True)
 class _Study:
@@ -175,7 +181,13 @@ def compare(
     ]
     one_by_one = Serial(says_unit=False)
     try:
-        run_in_order(executor or one_by_one, _compared, _Study(options, site, axes), units, told)
+        there = site
+        if elsewhere(executor):
+            mine = [unit.job for unit in units]
+            bake_ahead(mine, site)
+            truths = {group_of(job, options, site).reference_key for job in mine} - {""}
+            there = site_for(executor, mine, site, truths)
+        run_in_order(executor or one_by_one, _compared, _Study(options, there, axes), units, told)
     except KeyboardInterrupt:
         outcome.interrupted = True
     return outcome
@@ -226,7 +238,7 @@ def _new_group(job: Job, options: QualityOptions, shared: FrozenShared) -> Group
     }
     if options.reference is not None:
         stored = read_reference(options.reference, lightmap, about)
-        value, stderr, paths = stored.value, stored.stderr, stored.paths
+        value, stderr, paths, key = stored.value, stored.stderr, stored.paths, ""
     else:
         found = reference_irradiance(
             scene,
@@ -236,11 +248,15 @@ def _new_group(job: Job, options: QualityOptions, shared: FrozenShared) -> Group
             paths=options.reference_paths,
             seed=options.reference_seed,
             store_dir=shared.cache_dir,
+            executor=shared.executor,
         )
-        value, stderr, paths = found.value, found.stderr, found.paths
+        value, stderr, paths, key = found.value, found.stderr, found.paths, found.key
     seen = view(scene, lightmap, camera, shot.width, shot.height)
     truth = Truth.of(value, stderr, lightmap.receivers.area, seen)
     masks = read_regions(scene, camera, options.regions, shot.width, shot.height)
     about |= {"paths": paths, "camera": camera.name}
     outside = open_receivers(scene, lightmap)
-    return Group(f"{scene.name}-{receivers}", scene, lightmap, truth, masks, outside, about)
+    return Group(
+        f"{scene.name}-{receivers}", scene, lightmap, truth, masks, outside, about,
+        reference_key=key,
+    )  # fmt: skip

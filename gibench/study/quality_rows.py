@@ -91,6 +91,7 @@ class Group:
         open: (n,) receivers that are wholly outside of geometry (:mod:`gibench.study.hidden`).
         about: what the reference is of.
         results: (n, 3) irradiance by name.
+        reference_key: of the traced reference in the store; empty where it is from a file.
     """
 
     name: str
@@ -101,6 +102,7 @@ class Group:
     open: Mask = field(repr=False)
     about: dict[str, Any]
     results: dict[str, Doubles] = field(default_factory=dict, repr=False)
+    reference_key: str = ""
 
     @cached_property
     def flat(self) -> list[FlatChart]:

@@ -104,6 +104,7 @@ def _quick_truth(
         target_error=QUICK_ERROR,
         seed=1,
         store_dir=shared.cache_dir,
+        executor=site.executor,
     )
     return chosen, found.value, found.stderr
 

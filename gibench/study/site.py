@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+import numpy.typing as npt
+
 from gibench.device.device import select_cl_device
+from gibench.files import write_whole
 from gibench.measure.session.shared import Shared
+from gibench.scene.model import Scene
 from gibench.study.frozen import FrozenShared
 from gibench.study.switched import LightSwitch, SwitchedShared
 from gibench.work import Executor
+from gibench.work.cluster_worker import local_folder
 from gibench.work.worker import Resources
 
 T = TypeVar("T")
+S = TypeVar("S", bound=Shared)
 
 
 @dataclass(frozen=True)
@@ -26,13 +33,17 @@ class Site:
         cache_dir: folder of bakes and references.
         seed: of every random choice.
         device: number of the OpenCL device; None for the first.
-        executor: of bakes; None for a thread per core.
+        executor: of bakes and truths; None for a thread per core.
+        scenes: loaded, by the names that jobs have for them: of a site that travels.
+        files: of its cache folder, by name: of a site that travels to where that is not seen.
     """
 
     cache_dir: Path
     seed: int = 0
     device: int | None = None
     executor: Executor | None = None
+    scenes: Mapping[str, Scene] = field(default_factory=dict, repr=False)
+    files: Mapping[str, npt.NDArray[np.uint8]] = field(default_factory=dict, repr=False)
     _here: Resources = field(default_factory=Resources, repr=False, compare=False)
 
     @property
@@ -47,22 +58,45 @@ class Site:
 
     def moving(self) -> Shared:
         """Scenes as they are, for times."""
-        return self.kept("moving", partial(Shared, self.cache_dir, self.seed, self.executor))
+        return self.kept("moving", partial(self._with_scenes, Shared))
 
     def standing(self, light_frame: int = 0) -> FrozenShared:
         """Scenes with the lights of one frame for ever, for errors."""
-        given = self.cache_dir, self.seed, self.executor
-        made = partial(FrozenShared, *given, light_frame=light_frame)
+        made = partial(self._with_scenes, FrozenShared, light_frame=light_frame)
         return self.kept(("standing", light_frame), made)
 
     def switched(self, switch: LightSwitch) -> SwitchedShared:
         """Scenes whose lights change once."""
-        given = self.cache_dir, self.seed, self.executor
-        return self.kept(switch, partial(SwitchedShared, *given, switch=switch))
+        return self.kept(switch, partial(self._with_scenes, SwitchedShared, switch=switch))
 
     def kept(self, key: Hashable, make: Callable[[], T]) -> T:
         """What this process keeps as ``key``, made by the first that asks."""
         return self._here.get(key, make)
 
+    def _with_scenes(self, make: Callable[..., S], **more: Any) -> S:
+        shared = make(self.cache_dir, self.seed, self.executor, **more)
+        for name, scene in self.scenes.items():
+            shared.hold(name, scene)
+        return shared
+
     def __reduce__(self) -> tuple[Any, ...]:
-        return Site, (self.cache_dir, self.seed, self.device, self.executor)
+        given = self.cache_dir, self.seed, self.device, self.executor
+        return (_arrived, (*given, self.scenes, self.files)) if self.scenes else (Site, given)
+
+
+def _arrived(
+    cache_dir: Path,
+    seed: int,
+    device: int | None,
+    executor: Executor | None,
+    scenes: Mapping[str, Scene],
+    files: Mapping[str, npt.NDArray[np.uint8]],
+) -> Site:
+    """The site where it came to: with a cache folder of the worker's own, and in it what came."""
+    cache = local_folder()
+    for name, content in files.items():
+        path = cache / name
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, content.tobytes())
+    return Site(cache, seed, device, executor, scenes)

@@ -1,6 +1,6 @@
-"""Who does the work: one thread, several, or whatever else implements ``Executor``."""
+"""Who does the work: one thread, several, a cluster (:mod:`gibench.work.cluster`)."""
 
-from gibench.work.executors import Executor, Serial, Threads, run_in_order
+from gibench.work.executors import Executor, Serial, Threads, elsewhere, run_in_order
 from gibench.work.worker import Worker
 
-__all__ = ["Executor", "Serial", "Threads", "Worker", "run_in_order"]
+__all__ = ["Executor", "Serial", "Threads", "Worker", "elsewhere", "run_in_order"]

@@ -53,7 +53,8 @@ class Executor(Protocol):
 
         Results do not depend on the executor: libraries for linear algebra, whose sums do depend
         on their number of threads, get one thread a worker. What a unit times it computes inside
-        :meth:`Worker.alone`, while nothing else of this run is computed on its machine.
+        :meth:`Worker.alone`, while nothing else of this run is computed on its machine; where that
+        takes a machine of its own, a unit tells ahead by an attribute ``timed`` that is true.
 
         Args:
             compute: a function of a module, so that it can be sent elsewhere.
@@ -85,7 +86,7 @@ class Serial:
         worker, results = Worker(), []
         for unit in units:
             with threadpool_limits(limits=1):
-                run = _computed if self.says_unit else _plainly
+                run = named_unit if self.says_unit else _plainly
                 result = run(compute, common, unit, worker)
             done(unit, result)
             results.append(result)
@@ -119,7 +120,7 @@ class Threads:
             if not hasattr(of_thread, "worker"):
                 of_thread.worker = Worker(shared, turns)
             with turns.beside():
-                return _computed(compute, common, unit, of_thread.worker)
+                return named_unit(compute, common, unit, of_thread.worker)
 
         def keep(future: Future[R]) -> None:
             number, unit = running.pop(future)
@@ -143,6 +144,11 @@ class Threads:
                         keep(future)
                 raise
         return [results[number] for number in sorted(results)]
+
+
+def elsewhere(executor: Executor | None) -> bool:
+    """Whether units are computed in other processes; None stands for threads of this one."""
+    return not (executor is None or isinstance(executor, Serial | Threads))
 
 
 def run_in_order(
@@ -181,7 +187,7 @@ def _plainly(compute: Compute[C, U, R], common: C, unit: U, worker: Worker) -> R
     return compute(common, unit, worker)
 
 
-def _computed(compute: Compute[C, U, R], common: C, unit: U, worker: Worker) -> R:
+def named_unit(compute: Compute[C, U, R], common: C, unit: U, worker: Worker) -> R:
     """One unit; what it raises says which."""
     try:
         return compute(common, unit, worker)

@@ -38,12 +38,16 @@ class Worker:
     Args:
         shared: what all workers of this process share.
         turns: of the workers of this machine; None where there is only this one.
+        may_time: whether what it times means anything: others may compute on its machine.
     """
 
-    def __init__(self, shared: Resources | None = None, turns: Turns | None = None) -> None:
+    def __init__(
+        self, shared: Resources | None = None, turns: Turns | None = None, *, may_time: bool = True
+    ) -> None:
         self._own = Resources()
         self._shared = Resources() if shared is None else shared
         self._turns = turns
+        self.may_time = may_time
 
     def own(self, key: Hashable, make: Callable[[], T]) -> T:
         """What this worker alone keeps as ``key``, made where it is missing."""

@@ -179,6 +179,8 @@ def test_python_takes_what_the_command_line_takes(called, command) -> None:
     renamed = {"moving": "motion"}
     options = {renamed.get(name, name): one.default for name, one in theirs.items()}
     assert options.pop("quiet", False) is False
+    for name in ("scheduler", "scheduler_file", "workers"):  # Python gives the executor itself
+        assert options.pop(name, None) is None
     for name in ("markdown", "json"):  # where the command line writes what Python returns
         assert options.pop(name, None) is None
     assert set(mine) - set(options) <= {"executor"} and set(options) <= set(mine)

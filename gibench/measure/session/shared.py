@@ -49,6 +49,11 @@ class Shared:
                 self._scenes[name_or_path] = load_scene(name_or_path)
             return self._scenes[name_or_path]
 
+    def hold(self, name_or_path: str, scene: Scene) -> None:
+        """Take ``scene`` for what the name stands for; its files need not be here."""
+        with self._lock:
+            self._scenes[name_or_path] = scene
+
     def lightmap(self, name_or_path: str, receivers: int) -> Lightmap:
         """The scene's lightmap with about ``receivers`` receivers.
 

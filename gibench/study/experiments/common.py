@@ -21,6 +21,7 @@ from gibench.measure.session.session import Session
 from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
 from gibench.progress import progress
+from gibench.study.ahead import bake_ahead, site_for
 from gibench.study.experiments.kept import STATUS, Found, Kept, Summarize
 from gibench.study.quality_rows import QualityOptions
 from gibench.study.rows import row_key
@@ -28,7 +29,7 @@ from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
-from gibench.work import Executor, Serial, Worker, run_in_order
+from gibench.work import Executor, Serial, Worker, elsewhere, run_in_order
 
 TIMES = ("time_ms", "p95_ms", "frames", "memory_bytes")
 RESTS = ("rest", "frames_to_rest", "ms_to_rest")
@@ -155,10 +156,12 @@ class Measuring:
     Attributes:
         point: the point.
         needed: arrays by label, those that are there.
+        timed: whether the experiment is about times.
     """
 
     point: Point
     needed: Mapping[str, Doubles] = field(default_factory=dict)
+    timed: bool = True
 
     @property
     def name(self) -> str:
@@ -183,6 +186,10 @@ class Experiment:
         samples: columns of its samples beside the keys, where it has any; its rows are then what
             ``summarize`` makes of them.
         summarize: the rows of a key, from all samples that are stored.
+        timed: whether its times mean anything; where not, its points may be measured beside others,
+            and times are left blank then.
+        truth: traces what a point's job is compared with, ahead of points that are sent elsewhere,
+            and tells its key in the store.
     """
 
     name: str
@@ -196,6 +203,8 @@ class Experiment:
     present: Callable[[Context, Kept, pd.DataFrame], str] = field(repr=False)
     samples: tuple[str, ...] = ()
     summarize: Summarize | None = field(default=None, repr=False)
+    timed: bool = True
+    truth: Callable[[Context, Job], str] | None = field(default=None, repr=False)
 
 
 def run_experiment(
@@ -227,8 +236,10 @@ def run_experiment(
     )  # fmt: skip
     points = [point for point in _share(experiment, context, shard) if not kept.done(point.key)]
     interrupted, first = False, None
-    one_by_one = Serial(says_unit=False)
+    one_by_one, there = Serial(says_unit=False), context
     try:
+        if elsewhere(executor):
+            there = _sent(experiment, context, points, executor)
         with progress(experiment.title, len(points)) as advance:
 
             def told(unit: Measuring, found: Found) -> None:
@@ -240,11 +251,11 @@ def run_experiment(
             # Those that need others come after them.
             for wave in (False, True):
                 units = [
-                    Measuring(point, kept.arrays(point.needs))
+                    Measuring(point, kept.arrays(point.needs), experiment.timed)
                     for point in points
                     if bool(point.needs) == wave
                 ]
-                common = experiment.measure, context
+                common = experiment.measure, there
                 run_in_order(executor or one_by_one, _measured, common, units, told)
     except KeyboardInterrupt:
         interrupted = True
@@ -260,6 +271,16 @@ def run_experiment(
     if first is not None and not (table["status"] == OK).any():
         raise first
     return table
+
+
+def _sent(
+    experiment: Experiment, context: Context, points: list[Point], executor: Executor | None
+) -> Context:
+    """The context as points need it that are measured elsewhere, with bakes and truths done."""
+    jobs = [point.job for point in points]
+    bake_ahead(jobs, context.site)
+    truths = set() if experiment.truth is None else {experiment.truth(context, j) for j in jobs}
+    return replace(context, site=site_for(executor, jobs, context.site, truths - {""}))
 
 
 def _share(experiment: Experiment, context: Context, shard: Shard | None) -> list[Point]:
@@ -302,11 +323,17 @@ def _measured(
     """Measure a point; one that cannot run has its reason, and the others go on."""
     measure, context = common
     try:
-        return measure(context, unit, worker)
+        found = measure(context, unit, worker)
+        return found if worker.may_time else replace(found, rows=[_timeless(r) for r in found.rows])
     except BadInput:
         raise
     except GibenchError as error:
         return Found(error=error)
+
+
+def _timeless(row: Mapping[str, Any]) -> dict[str, Any]:
+    """A row without times: they were taken beside others."""
+    return {n: None if n.endswith("_ms") or n.startswith("ms_") else v for n, v in row.items()}
 
 
 def report(

@@ -10,6 +10,7 @@ import pandas as pd
 from gibench.measure.plan.view import choose_camera
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
+from gibench.study.experiments.side_by_side import trace_truth
 from gibench.study.quality import group_of
 from gibench.study.quality_rows import rows_of
 from gibench.study.settle import settle
@@ -101,4 +102,5 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    truth=trace_truth,
 )

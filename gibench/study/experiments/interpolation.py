@@ -14,6 +14,7 @@ from gibench.study.experiments.side_by_side import (
     SHOWN,
     compared,
     result_panel,
+    trace_truth,
     truth_of,
 )
 from gibench.techniques.job import Job
@@ -81,4 +82,6 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    timed=False,
+    truth=trace_truth,
 )

@@ -22,7 +22,7 @@ from gibench.study.experiments.common import (
     published_section,
 )
 from gibench.study.experiments.kept import Found, Kept
-from gibench.study.experiments.side_by_side import COLUMNS, compared, truth_of
+from gibench.study.experiments.side_by_side import COLUMNS, compared, trace_truth, truth_of
 from gibench.study.quality_rows import Group
 from gibench.techniques.job import Job
 from gibench.techniques.parts.captured_probes.held import probe_bytes
@@ -181,4 +181,5 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    truth=trace_truth,
 )

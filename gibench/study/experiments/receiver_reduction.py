@@ -71,6 +71,7 @@ def _truth(context: Context) -> Reference:
         target_error=options.target_error,
         paths=options.reference_paths,
         store_dir=shared.cache_dir,
+        executor=shared.executor,
     )
 
 
@@ -164,4 +165,5 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    truth=lambda context, job: _truth(context).key,
 )

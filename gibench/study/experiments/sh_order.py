@@ -19,6 +19,7 @@ from gibench.study.experiments.side_by_side import (
     SHOWN,
     compared,
     result_panel,
+    trace_truth,
     truth_of,
 )
 from gibench.techniques.job import Job
@@ -106,4 +107,6 @@ EXPERIMENT = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    timed=False,
+    truth=trace_truth,
 )

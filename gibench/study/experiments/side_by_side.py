@@ -58,6 +58,11 @@ def truth_of(context: Context, job: Job, image: tuple[int, int]) -> Group:
     return group_of(replace(job, shot=context.shot(image)), context.quality(), context.site)
 
 
+def trace_truth(context: Context, job: Job) -> str:
+    """Trace what ``job`` is compared with, where that is not in the cache yet; its key there."""
+    return group_of(job, context.quality(), context.site).reference_key
+
+
 def result_panel(
     kept: Kept,
     name: str,

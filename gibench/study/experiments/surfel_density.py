@@ -13,7 +13,7 @@ from gibench.measure.session.session import Session
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
-from gibench.study.experiments.side_by_side import FORMATS
+from gibench.study.experiments.side_by_side import FORMATS, trace_truth
 from gibench.study.experiments.surfel_caches import (
     ERRORS,
     HIGH,
@@ -99,6 +99,7 @@ DENSITY = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    truth=trace_truth,
 )
 
 

@@ -11,7 +11,13 @@ import pandas as pd
 from gibench.resources import data
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
-from gibench.study.experiments.side_by_side import FORMATS, compared, result_panel, truth_of
+from gibench.study.experiments.side_by_side import (
+    FORMATS,
+    compared,
+    result_panel,
+    trace_truth,
+    truth_of,
+)
 from gibench.study.experiments.surfel_caches import ERRORS, IMAGE, TECHNIQUE
 from gibench.study.regions import WHOLE
 from gibench.techniques.job import Job
@@ -104,4 +110,5 @@ FAILURES = Experiment(
     points=_points,
     measure=_measure,
     present=_present,
+    truth=trace_truth,
 )

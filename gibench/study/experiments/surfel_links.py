@@ -9,7 +9,7 @@ import pandas as pd
 from gibench.report.plots import Axes, Series, plot
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
-from gibench.study.experiments.side_by_side import FORMATS
+from gibench.study.experiments.side_by_side import FORMATS, trace_truth
 from gibench.study.experiments.surfel_caches import (
     ERRORS,
     HIGH,
@@ -91,6 +91,7 @@ LINKS = Experiment(
     points=_links_points,
     measure=_measure,
     present=_links_present,
+    truth=trace_truth,
 )
 
 
@@ -127,6 +128,7 @@ BANDS = Experiment(
     points=_bands_points,
     measure=_measure,
     present=_bands_present,
+    truth=trace_truth,
 )
 
 
