@@ -136,10 +136,9 @@ def advise(
         if not quiet:
             typer.echo(f"{len(result.table)} rows of shard {shard}; see {result.folder}")
     elif not quiet:
-        from gibench.measure.machine.environment import cpu_name
         from gibench.report.advice import show_advice
 
-        show_advice(result.table, result.lifted, result.profile, result.limits, cpu_name())
+        show_advice(result.table, result.lifted, result.profile, result.limits, result.cpu)
         if result.projected is not None:
             from gibench.report.projection import show_ranking
 

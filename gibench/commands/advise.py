@@ -12,10 +12,9 @@ import pandas as pd
 from gibench.commands import asked
 from gibench.device.device import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted
-from gibench.measure.machine.environment import cpu_name
 from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.plan.shard import Shard, labels_of
-from gibench.measure.record import study_record
+from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.axes import axes_of
 from gibench.measure.runfolder.results import OK
 from gibench.measure.session.shared import Shared
@@ -31,6 +30,7 @@ from gibench.study.regions import WHOLE
 from gibench.study.rows import Rows
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
+from gibench.study.where import timed_where
 from gibench.techniques.job import Job
 from gibench.techniques.registry import techniques
 from gibench.trace.extra import require_extra
@@ -50,6 +50,7 @@ class AdviceResult:
         limits: what was asked for.
         lifted: what would fit if one limit were lifted, and by how much.
         profile: name of the profile.
+        cpu: that the times are of.
         error: what is not fine: nothing fits the budgets, or it was interrupted.
         projected: settings by their projected GI on another device, where that was asked.
     """
@@ -59,6 +60,7 @@ class AdviceResult:
     limits: tuple[Limit, ...]
     lifted: pd.DataFrame = field(repr=False)
     profile: str
+    cpu: str
     error: GibenchError | None
     projected: pd.DataFrame | None = field(default=None, repr=False)
 
@@ -145,9 +147,19 @@ def advise(
     if any(limit.metric.name == LEAK for limit in limits):
         _check_dark(jobs[0], how, site)
     folder = asked.folder_for(out, "advice", [profile.name], arguments)
-    folder.write_record(study_record(arguments, cl_device))
     axes = axes_of(jobs)
     kept = Rows.at(folder.path / SETTINGS, ("number",), columns(axes))
+    done = {
+        number
+        for number in range(1, len(jobs) + 1)
+        if number - 1 not in own or kept.done({"number": number})
+    }
+    complete = len(done) == len(jobs)
+    there = None if complete else timed_where(executor, profile, device)
+    record = study_record(arguments, cl_device, there)
+    record = on_one_machine(folder, record, complete=complete)
+    folder.write_record(record)
+    cpu = record["environment"]["cpu"]
     outcome = compare(
         jobs,
         how,
@@ -155,11 +167,7 @@ def advise(
         axes=axes,
         executor=executor,
         keep=lambda number, rows: kept.add([{"number": number, **row} for row in rows]),
-        done={
-            number
-            for number in range(1, len(jobs) + 1)
-            if number - 1 not in own or kept.done({"number": number})
-        },
+        done=done,
     )
     tried = kept.table().fillna({"reason": ""})
     rows = tried.drop(columns="number")
@@ -170,11 +178,11 @@ def advise(
     error: GibenchError | None
     if part is not None:  # which is best is known when all are there
         error = _interrupted(len(table), len(own), folder.path) if outcome.interrupted else None
-        return AdviceResult(folder.path, table, limits, more, profile.name, error)
+        return AdviceResult(folder.path, table, limits, more, profile.name, cpu, error)
     warnings = shared.scene(scene).warnings
     folder.write_text("advice.csv", csv_text(table))
     folder.write_text("lifted.csv", csv_text(more))
-    text = advice_report(table, more, profile.name, limits, cpu_name(), warnings)
+    text = advice_report(table, more, profile.name, limits, cpu, warnings)
     projected = None
     if projected_on is not None and not outcome.interrupted:
         projected = _ranked(jobs, tried, projected_on, shared, cl_device)
@@ -182,11 +190,11 @@ def advise(
         text += "\n" + ranking_section(projected)
     folder.write_text("advice.md", text)
     if (table["status"] == "ok").any():
-        plot_advice(folder.path / "pareto", table, limits, cpu_name())
+        plot_advice(folder.path / "pareto", table, limits, cpu)
     error = misfit(table, limits)
     if outcome.interrupted:
         error = _interrupted(len(table), len(jobs), folder.path)
-    return AdviceResult(folder.path, table, limits, more, profile.name, error, projected)
+    return AdviceResult(folder.path, table, limits, more, profile.name, cpu, error, projected)
 
 
 def _check_dark(job: Job, how: QualityOptions, site: Site) -> None:

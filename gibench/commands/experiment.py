@@ -12,13 +12,14 @@ from gibench.commands import asked
 from gibench.device.device import select_cl_device
 from gibench.measure.plan.shard import Shard
 from gibench.measure.plan.stopping import Patience
-from gibench.measure.record import study_record
+from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
-from gibench.study.experiments.common import Context, run_experiment, shard_record
+from gibench.study.experiments.common import Context, points_left, run_experiment, shard_record
 from gibench.study.quality import check_target_error
 from gibench.study.site import Site
+from gibench.study.where import timed_where
 from gibench.work import Executor
 
 
@@ -100,6 +101,12 @@ def experiment(
         arguments["shard"] = shard_record(chosen, context, part)
     own = Path("results", "experiments", chosen.name + ("-quick" if quick else ""))
     folder = RunFolder.create(Path(out) if out else own, arguments)
-    folder.write_record(study_record(arguments, cl_device))
-    table = run_experiment(chosen, context, folder, executor, part)
+    complete = not points_left(chosen, context, folder, part)
+    asks = chosen.timed and not complete
+    there = timed_where(executor, profiles[0], device) if asks else None
+    record = study_record(arguments, cl_device, there)
+    record = on_one_machine(folder, record, complete=complete)
+    folder.write_record(record)
+    cpu = record["environment"]["cpu"]
+    table = run_experiment(chosen, context, folder, executor, part, cpu)
     return ExperimentResult(folder.path, table)

@@ -8,11 +8,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from gibench.errors import printable
-from gibench.measure.machine.environment import device_record, environment, versions, without_paths
+from gibench.errors import BadInput, printable
+from gibench.measure.machine.environment import (
+    device_record,
+    environment,
+    machine_text,
+    versions,
+    without_paths,
+)
 from gibench.measure.plan.stopping import Plan
 from gibench.measure.runfolder.axes import Axis
-from gibench.measure.runfolder.folder import SCHEMA_VERSION
+from gibench.measure.runfolder.folder import SCHEMA_VERSION, RunFolder
 from gibench.measure.session.cold import ColdFacts
 from gibench.measure.session.loop import RunOutcome
 from gibench.measure.session.shared import Shared
@@ -62,8 +68,16 @@ def begin_record(
     }
 
 
-def study_record(arguments: Mapping[str, Any], cl_device: Any) -> dict[str, Any]:
-    """``run.json`` of ``quality``, ``advise`` and ``experiment``: what was asked, and where."""
+def study_record(
+    arguments: Mapping[str, Any], cl_device: Any, there: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """``run.json`` of ``quality``, ``advise`` and ``experiment``: what was asked, and where.
+
+    Args:
+        arguments: what was asked.
+        cl_device: of this machine.
+        there: of the machine that is timed, where it is another.
+    """
     return {
         "schema_version": SCHEMA_VERSION,
         "arguments": dict(arguments),
@@ -71,7 +85,39 @@ def study_record(arguments: Mapping[str, Any], cl_device: Any) -> dict[str, Any]
         "versions": versions(),
         "environment": environment(),
         "device": device_record(cl_device),
+        **(there or {}),
     }
+
+
+def on_one_machine(
+    folder: RunFolder, record: Mapping[str, Any], *, complete: bool
+) -> dict[str, Any]:
+    """``record`` for a folder that may hold results already: these, and what is still to come, are
+    of one machine.
+
+    Args:
+        folder: the folder.
+        record: made here and now.
+        complete: whether nothing is to be measured any more: the machine is then the earlier one.
+
+    Raises:
+        BadInput: what is there was measured on another kind of machine.
+    """
+    before = folder.record()
+    if before is None or not {"environment", "device"} <= set(before):
+        return dict(record)
+    kept = {key: before[key] for key in ("shards",) if key in before}
+    theirs, mine = (machine_text(one["environment"], one["device"]) for one in (before, record))
+    if theirs == mine:
+        return {**record, **kept}
+    if not complete:
+        raise BadInput(
+            f"what it holds was measured on {theirs}, and this is {mine}",
+            where=folder.path,
+            mend="give another folder with --out: times of two machines are not compared",
+        )
+    machine = ("environment", "device", "versions", "roofs")
+    return {**record, **kept, **{key: before[key] for key in machine if key in before}}
 
 
 def finish_record(

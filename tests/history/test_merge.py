@@ -155,6 +155,13 @@ def test_advice_in_shards(tmp_path: Path, capsys) -> None:
     assert call([*asked, "--out", str(tmp_path / "merged")]) == 0
     assert (tmp_path / "merged" / "settings.csv").read_text() == before
     assert len(pd.read_csv(tmp_path / "merged" / "advice.csv")) == 2
+    # Judged on another machine the report names the one that was timed; nothing is added to it.
+    changed(tmp_path / "merged", lambda r: r["environment"].update(cpu="Another CPU"))
+    assert call([*asked, "--out", str(tmp_path / "merged")]) == 0
+    assert "Another CPU" in (tmp_path / "merged" / "advice.md").read_text()
+    (tmp_path / "merged" / "settings.csv").write_text(whole)
+    assert call([*asked, "--out", str(tmp_path / "merged")]) == 2
+    assert "was measured on Another CPU" in capsys.readouterr().err
 
 
 @pytest.mark.slow

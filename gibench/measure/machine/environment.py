@@ -7,6 +7,7 @@ import platform
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -71,6 +72,16 @@ def device_record(cl_device: Any) -> dict[str, Any]:
         "global_memory_bytes": int(cl_device.global_mem_size),
         "vector_width_float": vector_width(cl_device),
     }
+
+
+def machine_text(environment: Mapping[str, Any], device: Mapping[str, Any]) -> str:
+    """The kind of a machine in words, from a record's environment and device: times of different
+    kinds are not compared.
+    """
+    threads = environment.get("usable_threads") or environment.get("threads")
+    memory = round((environment.get("memory_bytes") or 0) / 2**30)
+    runtime = f"{device.get('platform')} {device.get('driver')}"
+    return f"{environment.get('cpu')}, {threads} threads, {memory} GiB, {runtime}"
 
 
 def cpu_name() -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import gibench
 from gibench.device.device import select_cl_device
 from gibench.errors import GibenchError
-from gibench.measure.machine.environment import device_record, environment
+from gibench.measure.machine.environment import device_record, environment, machine_text
 from gibench.resources import data
 from gibench.work.cluster_worker import Facts
 
@@ -21,16 +21,11 @@ def facts_here() -> Facts:
     """Of this process: the code that results depend on, and the kind of machine."""
     code = [("gibench's sources", _sources()), ("Python", platform.python_version())]
     code += [(name, _version(name)) for name in _PACKAGES]
-    around = environment()
-    threads = around["usable_threads"] or around["threads"]
-    memory = round(around["memory_bytes"] / 2**30)
-    machine = f"{around['cpu']}, {threads} threads, {memory} GiB"
     try:
         device = device_record(select_cl_device(None))
-        machine += f", {device['platform']} {device['driver']}"
     except GibenchError:
-        machine += ", no OpenCL"
-    return Facts(tuple(code), machine)
+        device = {"platform": "no OpenCL", "driver": ""}
+    return Facts(tuple(code), machine_text(environment(), device))
 
 
 def _version(package: str) -> str:

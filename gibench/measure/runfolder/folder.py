@@ -89,12 +89,16 @@ class RunFolder:
         text = json.dumps(_plain(record), indent=2, ensure_ascii=False, allow_nan=False)
         self.write_text(RECORD, text + "\n")
 
-    def _arguments(self) -> Any:
+    def record(self) -> dict[str, Any] | None:
+        """The content of ``run.json``; None where there is none that can be read."""
         try:
-            record = json.loads((self.path / RECORD).read_text(encoding="utf-8"))
-            return record["arguments"]
-        except (OSError, ValueError, KeyError, TypeError):
+            found = json.loads((self.path / RECORD).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
             return None
+        return found if isinstance(found, dict) else None
+
+    def _arguments(self) -> Any:
+        return (self.record() or {}).get("arguments")
 
 
 def sample_columns(axes: Sequence[str], counts: Sequence[str]) -> tuple[str, ...]:

@@ -213,6 +213,7 @@ def run_experiment(
     folder: RunFolder,
     executor: Executor | None = None,
     shard: Shard | None = None,
+    cpu: str | None = None,
 ) -> pd.DataFrame:
     """Measure what is not in the folder yet, then write report, plots and pictures.
 
@@ -223,18 +224,15 @@ def run_experiment(
         executor: measures the points, one after another by default; frames, which are timed, run
             one point at a time whatever it is.
         shard: whose points alone are measured, and what these need; None for all.
+        cpu: that is timed, for the report; None for this one.
 
     Raises:
         Interrupted: by Ctrl-C; what was measured is kept and reported.
         BadInput: the folder holds another experiment, or a scene is wrong.
         GibenchError: nothing could be measured: the first reason.
     """
-    columns = (*experiment.columns, *STATUS)
-    kept = Kept.at(
-        folder.path, experiment.name, experiment.keys, columns, experiment.samples,
-        experiment.summarize,
-    )  # fmt: skip
-    points = [point for point in _share(experiment, context, shard) if not kept.done(point.key)]
+    kept = _kept(experiment, folder)
+    points = _left(experiment, context, kept, shard)
     interrupted, first = False, None
     one_by_one, there = Serial(says_unit=False), context
     try:
@@ -261,7 +259,7 @@ def run_experiment(
         interrupted = True
     table = kept.table()
     if (table["status"] == OK).any():
-        text = report(experiment, context, kept, table, interrupted)
+        text = report(experiment, context, kept, table, interrupted, cpu or cpu_name())
         folder.write_text(f"{experiment.name}.md", text)
     if interrupted:
         raise Interrupted(
@@ -271,6 +269,30 @@ def run_experiment(
     if first is not None and not (table["status"] == OK).any():
         raise first
     return table
+
+
+def points_left(
+    experiment: Experiment, context: Context, folder: RunFolder, shard: Shard | None = None
+) -> list[Point]:
+    """The points that are not in the folder yet.
+
+    Raises:
+        BadInput: the folder holds another experiment, or a scene is wrong.
+    """
+    return _left(experiment, context, _kept(experiment, folder), shard)
+
+
+def _kept(experiment: Experiment, folder: RunFolder) -> Kept:
+    columns = (*experiment.columns, *STATUS)
+    return Kept.at(
+        folder.path, experiment.name, experiment.keys, columns, experiment.samples,
+        experiment.summarize,
+    )  # fmt: skip
+
+
+def _left(experiment: Experiment, context: Context, kept: Kept, shard: Shard | None) -> list[Point]:
+    points = _share(experiment, context, shard)
+    return [point for point in points if not kept.done(point.key)]
 
 
 def _sent(
@@ -337,13 +359,18 @@ def _timeless(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def report(
-    experiment: Experiment, context: Context, kept: Kept, table: pd.DataFrame, interrupted: bool
+    experiment: Experiment,
+    context: Context,
+    kept: Kept,
+    table: pd.DataFrame,
+    interrupted: bool,
+    cpu: str,
 ) -> str:
     """The experiment to read."""
     lines = [
         f"# {experiment.title}",
         f"After {experiment.source}.",
-        f"**Measured on** {cpu_name()} under the limits of "
+        f"**Measured on** {cpu} under the limits of "
         f"{', '.join(p.title for p in context.profiles)}: work-group sizes and memory. No time "
         "below is one of a modelled device.",
     ]
