@@ -8,8 +8,12 @@ function plot(rows, key, label) {
   const x = v => left + (Math.log10(v) - x0) / (x1 - x0) * (width - left - right);
   const y = v => height - bottom - (Math.log10(v) - y0) / (y1 - y0) * (height - top - bottom);
   const svg = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `GI time over ${label}` });
-  const ticks = (low, high) => [1, 2, 5].flatMap(m => Array.from({ length: 12 }, (_, e) => m * 10 ** (e - 4)))
+  const some = (low, high, steps) => steps.flatMap(m => Array.from({ length: 12 }, (_, e) => m * 10 ** (e - 4)))
     .filter(v => Math.log10(v) >= low && Math.log10(v) <= high);
+  const ticks = (low, high) => {
+    const few = some(low, high, [1, 2, 5]);
+    return few.length > 1 ? few : some(low, high, [1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9]);
+  };
   for (const v of ticks(x0, x1)) svg.append(element("line", { x1: x(v), x2: x(v), y1: top, y2: height - bottom }),
     element("text", { x: x(v), y: height - bottom + 16, "text-anchor": "middle", class: "soft" }, figure(v)));
   for (const v of ticks(y0, y1)) svg.append(element("line", { x1: left, x2: width - right, y1: y(v), y2: y(v) }),

@@ -35,7 +35,7 @@ function plot(series) {
     svg.append(run.link ? svgLink(encodeURI(run.link), dot) : dot);
   });
   return element("div", { class: "series" }, element("h3", {}, series.name),
-    element("p", {}, `${series.machine}; ${n} runs, ${series.unit}`), svg);
+    element("p", {}, `${series.machine}; ${n} ${n === 1 ? "run" : "runs"}, ${series.unit}`), svg);
 }
 
 function choose(id, name, first) {
