@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gibench.commands import asked
-from gibench.device.device import list_devices
+from gibench.device.selection import list_devices
 from gibench.errors import BadInput, CheckFailed, GibenchError
 from gibench.measure.compare import ab as checks
 from gibench.measure.compare.ab import AbOptions, AbResult

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.plan.shard import Shard, labels_of

@@ -11,7 +11,7 @@ import pandas as pd
 from gibench.conform.cases import cases, kernels
 from gibench.conform.judge import NO_ORACLE, judge_cases, judge_kernels
 from gibench.device import list_devices
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CheckFailed, GibenchError
 from gibench.measure.machine.environment import device_record, environment, versions
 from gibench.resources import data

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.plan.shard import Shard
 from gibench.measure.plan.stopping import Patience
 from gibench.measure.record import on_one_machine, study_record

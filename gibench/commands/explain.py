@@ -12,7 +12,7 @@ import pandas as pd
 from gibench.commands import asked
 from gibench.commands.frame_traces import trace_frame
 from gibench.device import Device
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
 from gibench.measure.plan.grid import with_layouts
 from gibench.measure.session.enqueue import PreparedPass

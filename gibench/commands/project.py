@@ -12,7 +12,7 @@ import pandas as pd
 from gibench.commands import asked
 from gibench.commands.frame_traces import TracedLaunch, trace_frame
 from gibench.commands.run_files import write_tables
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError
 from gibench.measure.plan.grid import job_label
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.commands import asked
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.record import study_record

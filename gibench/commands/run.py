@@ -12,7 +12,7 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.commands.run_files import tables_of, write_tables
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted, printable
 from gibench.measure.plan.grid import job_label, with_layouts
 from gibench.measure.plan.shard import Shard, labels_of

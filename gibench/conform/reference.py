@@ -93,16 +93,16 @@ CASES = [
     Case(
         "Path tracing of a furnace",
         tuple(
-            f"reference/path.cl:{name}"
+            f"reference/{name}"
             for name in (
-                "start_at_receivers",
-                "start_at_camera",
-                "draw_starts",
-                "scatter",
-                "connect",
-                "resolve",
-                "shade",
-                "average",
+                "draws.cl:draw_starts",
+                "draws.cl:scatter",
+                "path.cl:start_at_receivers",
+                "path.cl:start_at_camera",
+                "path.cl:connect",
+                "path.cl:resolve",
+                "path.cl:shade",
+                "path.cl:average",
             )
         ),
         _check,

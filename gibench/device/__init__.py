@@ -3,7 +3,7 @@
 from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
 from gibench.device.build import SIMT, WIDE, Define, Layout, build_program, vector_width
 from gibench.device.counting import RayCounts, count_rays
-from gibench.device.device import Device, list_devices
+from gibench.device.device import Device
 from gibench.device.launch import (
     Access,
     Argument,
@@ -22,6 +22,7 @@ from gibench.device.launch import (
 )
 from gibench.device.layout import BufferSpec, largest, total_bytes
 from gibench.device.program import Instrument, Parameter, Program, ProgramSpec
+from gibench.device.selection import list_devices
 from gibench.device.source import kernel_source
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 import pyopencl as cl
 
 from gibench.device.choice import RIGHT
-from gibench.device.device import list_devices
+from gibench.device.selection import list_devices
 
 _SOURCE = """
 __kernel void halve_and_add(__global const float *a, __global float *b, const int count)

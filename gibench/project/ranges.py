@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from gibench.arrays import Doubles
 from gibench.profiles import Machine
@@ -115,6 +114,8 @@ def _reason(total: Total, machine: Machine) -> str:
 
 def driven_by(total: Total) -> str:
     """The unknown whose place goes with the times most closely, by rank correlation."""
+    from scipy.stats import spearmanr  # slow to load
+
     best, found = 0.0, ""
     for name, place in total.places.items():
         if np.ptp(total.times) == 0:

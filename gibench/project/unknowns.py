@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm, qmc
 
 from gibench.arrays import Doubles
 from gibench.profiles import MACHINE_FIGURES, Interval, Machine
@@ -90,6 +89,8 @@ def kernel_points(label: str, identity: str, count: int = POINTS) -> Points:
         identity: of the launch, for what it shares with no other.
         count: of the points.
     """
+    from scipy.stats import norm  # slow to load
+
     shared = _points(MODEL, label, count)
     drawn = Interval(0.0, 0.5, 1.0, "the trace's own sampling error")
     own = _points({"own": OWN, _SAMPLING: drawn}, f"{label} {identity}", count)
@@ -100,6 +101,8 @@ def kernel_points(label: str, identity: str, count: int = POINTS) -> Points:
 
 
 def _points(intervals: Mapping[str, Interval], seed: str, count: int) -> Points:
+    from scipy.stats import qmc  # slow to load
+
     number = int.from_bytes(hashlib.sha256(seed.encode()).digest()[:4], "little")
     engine = qmc.Sobol(len(intervals), scramble=True, rng=np.random.default_rng(number))
     table = engine.random(count)

@@ -16,7 +16,7 @@ import pyopencl as cl
 
 from gibench.device import Argument, Device, Launch, ProgramSpec, SharedBuffer, list_devices
 from gibench.device.build import Define
-from gibench.device.device import first_device
+from gibench.device.selection import first_device
 from gibench.errors import CannotRun
 
 GROUP = 256

@@ -39,7 +39,7 @@ class Queues:
         self.throughput = program.empty((paths, 3), np.float32)
         self.collected = program.empty((paths, 3), np.float32)
         self.mean = program.empty((paths, 3), np.float32)
-        # Random numbers (kernels_cl/reference/path.cl, DRAWN_...), planes of `paths` numbers.
+        # Random numbers (kernels_cl/reference/draws.cl, DRAWN_...), planes of `paths` numbers.
         self.stride = unsigned("stride", paths)
         self.drawn = program.empty((DRAWN, paths), np.float32)
         self.drawn_before = (self.stride, reads("drawn", self.drawn))

@@ -11,13 +11,16 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation
 
 from gibench.arrays import Doubles, Vec3
 from gibench.errors import BadInput
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 Matrix3 = tuple[Vec3, Vec3, Vec3]
 
@@ -131,6 +134,8 @@ class Keyframes:
         """The positions' curve, the rotations (k, 3, 3), and from each to the next one, by the
         shorter way, a rotation vector (k - 1, 3).
         """
+        from scipy.interpolate import PchipInterpolator  # slow to load
+
         turns = Rotation.from_matrix(np.array(self.rotations))
         curve = PchipInterpolator(self.frames, np.array(self.positions))
         return curve, turns.as_matrix(), (turns[:-1].inv() * turns[1:]).as_rotvec()

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.files import write_whole
 from gibench.measure.session.shared import Shared
 from gibench.scene.model import Scene

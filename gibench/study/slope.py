@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import linregress, t
 
 
 @dataclass(frozen=True)
@@ -30,6 +29,8 @@ class Line:
 
 def fit_line(x: Sequence[float], y: Sequence[float], confidence: float = 0.95) -> Line | None:
     """The line through (x, y); None from fewer than three points or at one place only."""
+    from scipy.stats import linregress, t  # slow to load
+
     if len(x) < 3 or np.ptp(x) == 0:
         return None
     fit = linregress(x, y)

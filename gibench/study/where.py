@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.machine.environment import device_record, environment, versions
 from gibench.measure.machine.roofs import measure_roofs
 from gibench.profiles import DeviceProfile

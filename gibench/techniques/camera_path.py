@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import PchipInterpolator
 
 from gibench.arrays import Vec3
 from gibench.errors import BadInput
@@ -64,6 +63,8 @@ class CameraPath:
 
     def at(self, share: float, camera: Camera) -> Camera:
         """``camera`` moved to ``share`` in [0, 1] of the path."""
+        from scipy.interpolate import PchipInterpolator  # slow to load
+
         times = np.linspace(0.0, 1.0, len(self.positions))
         position, target = (
             tuple(float(v) for v in PchipInterpolator(times, points)(share))

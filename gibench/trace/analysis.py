@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gibench.arrays import Doubles, Longs
 from gibench.trace import waves
 from gibench.trace.facts import CACHE_BYTES, SIMD_WIDTHS, AccessFacts, LaunchFacts, SimdFacts
+from gibench.trace.reuse import reuse_misses
 from gibench.trace.streams import WaveStreams
 from gibench.trace.trace import Trace
 
@@ -202,7 +203,7 @@ def _traffic(trace: Trace, formed: _Formed, caches: Sequence[int]) -> _Traffic:
         members = np.nonzero(trace.run == run)[0]
         words = np.concatenate([formed.streams[member] for member in members])
         sectors, places = np.unique(words >> 3, return_inverse=True)
-        fetched, written, by_read, ever, histogram = waves.reuse_misses(
+        fetched, written, by_read, ever, histogram = reuse_misses(
             places, words, len(sectors), sizes
         )
         again += fetched + written

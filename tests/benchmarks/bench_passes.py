@@ -13,7 +13,7 @@ from functools import lru_cache
 from itertools import count
 from pathlib import Path
 
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.plan.grid import grid
 from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared

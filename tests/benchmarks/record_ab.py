@@ -186,7 +186,7 @@ def main() -> None:
 
 def begin(job, place, base, folder, options, kernels) -> dict:
     """Calibrate; what the recording is of."""
-    from gibench.device.device import list_devices
+    from gibench.device.selection import list_devices
 
     about = {
         "kernels": kernels,

@@ -87,12 +87,14 @@ def test_wrong_input_is_one_line(
     assert "gibench[project]" in capsys.readouterr().err
 
 
-def test_a_plain_run_needs_nothing_of_the_extra() -> None:
+def test_a_plain_run_needs_nothing_of_the_extra_and_loads_nothing_slow_early() -> None:
     script = (
         "import sys\n"
         "for name in ('numba', 'llvmlite', 'greenlet'):\n"
         "    sys.modules[name] = None\n"
         "import gibench.commands.run, gibench.cli.run, gibench.cli.main\n"
+        "slow = {'scipy.stats', 'scipy.interpolate', 'scipy.optimize', 'trimesh', 'matplotlib'}\n"
+        "assert not slow & set(sys.modules), slow & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
 

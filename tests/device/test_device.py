@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gibench.device import Device, MemoryLedger, kernel_source
 from gibench.device.choice import default_device, trial
-from gibench.device.device import list_devices, select_cl_device
+from gibench.device.selection import list_devices, select_cl_device
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.profiles import load_profile
 
@@ -193,7 +193,7 @@ def test_pyopencls_variable_is_followed_or_told(
     monkeypatch.setenv("PYOPENCL_CTX", "Portable")
     assert select_cl_device(0) == first
     assert caplog.text == ""
-    monkeypatch.setattr("gibench.device.device._by_variable", lambda asked: object())
+    monkeypatch.setattr("gibench.device.selection._by_variable", lambda asked: object())
     assert select_cl_device(0) == first
     assert "PYOPENCL_CTX=Portable not followed" in caplog.text
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import CannotRun
 from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
@@ -19,7 +19,7 @@ from gibench.techniques.registry import find_technique
 _FRAMES = """
 import json, os, sys
 from pathlib import Path
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.profiles import load_profile

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.plan.grid import grid
 from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared

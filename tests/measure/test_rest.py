@@ -18,7 +18,7 @@ from support.run_folders import entry, record, write_run
 
 import gibench
 from gibench.cli.main import call
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.compare import replicate
 from gibench.measure.compare.lockstep import _warm_up as warm_pair
 from gibench.measure.plan.grid import grid

@@ -11,7 +11,7 @@ import pytest
 from support import fake_technique
 
 from gibench.cli.main import call
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.plan.grid import grid
 from gibench.measure.session import tune
 from gibench.measure.session.session import Session

@@ -35,7 +35,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binom
 
 Verdict = Literal["faster", "same", "slower", "ambiguous"]
 
@@ -119,6 +118,8 @@ def _skipped_values(n: int, confidence: float) -> int | None:
 
     The largest k with P(Binomial(n, 1/2) <= k) <= (1 - confidence) / 2.
     """
+    from scipy.stats import binom  # slow to load
+
     chance = binom.cdf(np.arange(n // 2 + 1), n, 0.5)
     within = int(np.count_nonzero(chance <= (1 - confidence) / 2))
     return within - 1 if within else None

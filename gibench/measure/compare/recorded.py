@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import norm, t
 
 from gibench.measure.compare.paired import CONFIDENCE, Judged, verdict_of
 
@@ -133,6 +132,8 @@ def compare_row(
     rng: np.random.Generator,
 ) -> ComparedRow:
     """One row: times of every process of both sides, ms."""
+    from scipy.stats import norm, t  # slow to load
+
     old_ms, new_ms = _level(base), _level(new)
     ratio = math.log(new_ms / old_ms) if old_ms > 0 and new_ms > 0 else math.nan
     counts = len(base), len(new)

@@ -55,7 +55,7 @@ def serve(job: Job, place: Place, commands: TextIO, answers: TextIO) -> None:
     """
     import numpy as np
 
-    from gibench.device.device import select_cl_device
+    from gibench.device.selection import select_cl_device
     from gibench.measure.session.rest import RestWatch
     from gibench.measure.session.session import Session
     from gibench.measure.session.shared import Shared

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import gibench
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.errors import GibenchError
 from gibench.measure.machine.environment import device_record, environment, machine_text
 from gibench.resources import data

@@ -8,7 +8,6 @@ from itertools import accumulate
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binom
 
 from gibench.measure.statistics.summary import NAN
 
@@ -145,6 +144,8 @@ def median_interval(
 
     nan where there are too few times for one (fewer than 6 at 95 %).
     """
+    from scipy.stats import binom  # slow to load
+
     ordered = np.sort(np.asarray(times_ms, np.float64))
     n = len(ordered)
     chance = binom.cdf(np.arange(n // 2 + 1), n, 0.5)

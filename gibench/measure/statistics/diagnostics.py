@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import kendalltau
 
 Times = npt.NDArray[np.floating]
 
@@ -67,6 +66,8 @@ def outliers(times_ms: Times) -> npt.NDArray[np.bool_]:
 
 
 def _drift(times: npt.NDArray[np.float64]) -> float | None:
+    from scipy.stats import kendalltau  # slow to load
+
     third = len(times) // 3
     first = float(np.median(times[:third]))
     if first <= 0:  # a pass that does nothing in most frames

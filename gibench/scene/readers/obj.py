@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from trimesh.visual.texture import unmerge_faces
 
 from gibench.errors import BadInput, printable
 from gibench.progress import progress
@@ -20,6 +19,7 @@ from gibench.scene.readers.content import Array, Content, Part, counted
 from gibench.scene.readers.mtl import GLOSS_MAP, NORMAL_MAP, Library, read_libraries
 from gibench.scene.readers.obj_blocks import Corners, Faces, Numbers, blocks
 from gibench.scene.readers.polygons import cut, fan, fans_hold
+from gibench.scene.readers.rows import Rows
 from gibench.scene.readers.text import argument, read_text, statements
 
 Corner = tuple[int, int, int]
@@ -34,39 +34,6 @@ class _RunKey(NamedTuple):
     material: str
     has_uv: bool
     has_normal: bool
-
-
-class Rows:
-    """Rows of numbers, one by one and by whole arrays."""
-
-    def __init__(self, width: int) -> None:
-        self._whole: list[Array] = []
-        self._single: list[tuple[float, ...]] = []
-        self._width, self._count = width, 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    def append(self, row: tuple[float, ...]) -> None:
-        """Add a row."""
-        self._single.append(row)
-        self._count += 1
-
-    def extend(self, rows: Array) -> None:
-        """Add rows (n, width)."""
-        self._gather()
-        self._whole.append(rows)
-        self._count += len(rows)
-
-    def array(self) -> Array:
-        """All rows, (n, width) float64."""
-        self._gather()
-        return np.concatenate([np.empty((0, self._width)), *self._whole])
-
-    def _gather(self) -> None:
-        if self._single:
-            self._whole.append(np.array(self._single, np.float64))
-            self._single = []
 
 
 @dataclass
@@ -375,6 +342,8 @@ def _part(
     object_id: int,
 ) -> Part:
     """A vertex for each combination of indices that the run uses."""
+    from trimesh.visual.texture import unmerge_faces  # slow to load
+
     v, t, n = (np.ascontiguousarray(corners[:, :, i]) - 1 for i in range(3))
     masks: dict[str, Array] = {}
     used = [name for name, has in (("vt", run.has_uv), ("vn", run.has_normal)) if has]

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.stats import spearmanr
 
 from gibench.arrays import Doubles
 from gibench.project.model import LATENCY
@@ -106,6 +105,8 @@ def _mean(values: pd.Series) -> float:
 
 def _rank(rows: pd.DataFrame) -> float:
     """Rank correlation within devices, averaged over them; NaN of too few rows."""
+    from scipy.stats import spearmanr  # slow to load
+
     found = [
         float(spearmanr(mine["nominal_ms"], mine["measured_ms"]).statistic)
         for _, mine in rows.groupby(["set", "profile"], sort=False)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
 
 from gibench.arrays import Floats, Ints
 from gibench.scene.lightmap import Fragments
@@ -50,6 +49,8 @@ def primary_points(count: int, stride: int, seed: int) -> Floats:
     Owen-scrambled Sobol points (dimensions 0 and 1 make the direction, 2 and 3 the origin), sorted
     along a Morton curve of the direction so that neighbouring rays run through the same boxes.
     """
+    from scipy.stats import qmc  # slow to load
+
     with warnings.catch_warnings():
         # Counts that are not powers of two lose some balance; that is the user's choice.
         warnings.simplefilter("ignore", UserWarning)

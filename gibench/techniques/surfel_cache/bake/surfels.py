@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import qmc
 
 from gibench.arrays import Doubles, Ints, Longs
 from gibench.errors import BadInput
@@ -45,6 +44,8 @@ def surface_areas(scene: Scene, lightmap: Lightmap) -> Doubles:
 
 def _partly_there(cutouts: Cutouts) -> Bools:
     """Which triangles with cut-outs (k,) are not wholly cut away."""
+    from scipy.stats import qmc  # slow to load
+
     u, v = _in_triangle(qmc.Halton(d=2, scramble=False).random(_PROBES + 1)[1:]).T
     found = np.zeros(len(cutouts.triangle), np.bool_)
     for one, other in zip(u.astype(np.float32), v.astype(np.float32), strict=True):
@@ -69,6 +70,8 @@ def sample_surface(scene: Scene, areas: Doubles, count: int) -> SurfelSet:
     Raises:
         BadInput: the scene has no area.
     """
+    from scipy.stats import qmc  # slow to load
+
     ends = np.cumsum(areas)
     total = float(ends[-1]) if len(ends) else 0.0
     if not total > 0:
@@ -114,6 +117,8 @@ def _in_triangle(pairs: Doubles) -> Doubles:
 
 def _on_what_is_there(scene: Scene, triangle: Ints, weights: Doubles) -> Doubles:
     """The weights, those that fall into holes drawn anew from the rest of the sequence."""
+    from scipy.stats import qmc  # slow to load
+
     assert scene.cutouts is not None
     rows = scene.cutouts.rows(len(scene.triangles))[triangle]
     weights = weights.copy()
