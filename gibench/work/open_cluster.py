@@ -63,12 +63,14 @@ def open_cluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 memory_limit=0,  # as without a cluster
                 resources={EXCLUSIVE: 1},
                 silence_logs=logging.CRITICAL,
             )
             stack.callback(_close, cluster)
+            # Also those that die as they start, which nobody else starts again.
+            cluster.adapt(minimum=workers, maximum=workers, interval="1s")
             client = Client(cluster)
         else:
             client = _client(Client, scheduler, scheduler_file)
