@@ -302,7 +302,7 @@ class Dask:
             with _reached():
                 error = future.exception()
             raise GibenchError(
-                f"{under.unit.name}: no worker could compute it ({type(error).__name__})",
+                f"{under.unit.name}: no worker could compute it ({type(error).__name__}: {error})",
                 mend="a worker that dies of it may lack memory: see its log",
             )
         with _reached():
