@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gibench.device import Launch, ProgramSpec, reads, scalar, unsigned, writes
+from gibench.measure.machine.calibration import chase_table
 from gibench.techniques.parts.conformance.case import Bench, Case, off, run
 
 STRETCH, TURNS = 8, 5
@@ -53,6 +54,32 @@ def _roofs(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]
     yield off(device.read(one), np.ones(1))
 
 
+def _calibration(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
+    """Where a chased pointer ends, and a chain of multiply-adds."""
+    device = bench.open()
+    spec = ProgramSpec("measure/calibrate.cl", {})
+    table = chase_table(4096, 64, rng)
+    steps = int(rng.integers(1, 64))
+    at = 0
+    for _ in range(steps):
+        at = int(table[at])
+    end = device.empty("end", 1, np.uint32)
+    held = device.upload("table", table)
+    args = (reads("next", held), unsigned("steps", steps), writes("out", end))
+    run(device, [Launch(spec, "calibrate_chase", args, items=1)], size)
+    yield off(device.read(end), np.array([at]))
+    factor, addend = rng.uniform(0.1, 0.9, 2).astype(np.float32)
+    x = float(addend)
+    for _ in range(8 * TURNS):
+        x = x * float(factor) + float(addend)
+    last = device.empty("last", 1, np.float32)
+    numbers = (scalar("factor", factor), scalar("addend", addend), unsigned("turns", TURNS))
+    chain = Launch(spec, "calibrate_chain", (*numbers, writes("out", last)), items=1)
+    run(device, [chain], size)
+    # Each step rounds once, and passes on a share of what came before: 1 / (1 - factor) in all.
+    yield off(device.read(last), np.array([x]), relative=2.0**-24 / (1 - float(factor)))
+
+
 CASES = [
     Case(
         "The machine's roofs",
@@ -61,5 +88,10 @@ CASES = [
             for name in ("roof_triad", "roof_read", "roof_fma", "roof_launch")
         ),
         _roofs,
-    )
+    ),
+    Case(
+        "Latencies of loads and arithmetic",
+        ("measure/calibrate.cl:calibrate_chase", "measure/calibrate.cl:calibrate_chain"),
+        _calibration,
+    ),
 ]

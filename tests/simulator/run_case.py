@@ -27,6 +27,7 @@ from support.made import made as create
 from support.reference_scenes import lightmap_of, random_scene
 
 from gibench.device import Argument, Device, SharedBuffer, count_rays, list_devices
+from gibench.measure.machine import calibration as calibration_module
 from gibench.measure.machine import roofs as roofs_module
 from gibench.measure.session.enqueue import PreparedPass, enqueue_frame, prepare_passes
 from gibench.profiles import load_profile
@@ -178,6 +179,11 @@ def roofs(case: Case, cache: Path) -> None:
     roofs_module._FMA_TURNS, roofs_module._LAUNCHES = 2, 1
     roofs_module._REPEATS, roofs_module._RAYS = 1, 40
     roofs_module.measure_roofs(PROFILE)
+    calibration_module.REPEATS = 1
+    calibration_module._CHASE_STEPS, calibration_module._CHAIN_TURNS = 40, 2
+    device = Device.unlimited()
+    calibration_module.chase_ns(device, 64 * case.size, 64)
+    calibration_module.chain_ns(device)
 
 
 def rays(case: Case, cache: Path) -> None:
