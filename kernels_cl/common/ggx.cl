@@ -1,6 +1,6 @@
 // Glossy reflection: the terms of Cook and Torrance 1982 with the distribution of Trowbridge and Reitz
-// 1975 (GGX, Walter et al. 2007), Schlick's shadowing (Schlick 1994; k = alpha / 2 as Karis 2013 has it
-// for light from all around) and Schlick's Fresnel term; and Karis's split sum: what a surface reflects
+// 1975 (called GGX; Walter et al. 2007), Schlick's shadowing (Schlick 1994; k = alpha / 2 as Karis 2013
+// has it for light from all around) and Schlick's Fresnel term; and Karis's split sum: what a surface reflects
 // of light that is alike within its lobe.
 //
 // Macro: SPLIT_SUM_SIDE, entries of the table's side (gibench.techniques.parts.split_sum).
