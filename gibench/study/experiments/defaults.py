@@ -25,11 +25,13 @@ _SCENES = (
     *("church", "maze", "street", "thin-house", "big-hall", "vase"),
     *("cornell-box", "blue-orange-box", "two-rooms", "hall", "atrium"),
 )
+_FRAMES = 1024
+"""At most: twice those of other studies, as surfels fill a large scene in hundreds of frames."""
 _NEAR = 0.1
 """Of the truth's mean: what a default must come within, or a remark must say that it does not."""
 _COLUMNS = (
-    *("bias", "bias_noise", "rel_l2", "time_ms", "memory_bytes", "frames", "settled", "probes"),
-    *("surfels", "uncovered", "remarks", "verdict"),
+    *("bias", "bias_noise", "rel_l2", "time_ms", "memory_bytes", "frames", "settled"),
+    *("frames_to_rest", "probes", "surfels", "uncovered", "remarks", "verdict"),
 )
 
 
@@ -51,12 +53,14 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
         job, scene, choose_camera(scene, job.shot.camera)
     )
     group = group_of(job, options, site)
-    settled = settle(job, options.settle, site.standing(), site.cl_device, worker)
+    longer = options.settle if context.quick else replace(options.settle, frames=_FRAMES)
+    settled = settle(job, longer, site.standing(), site.cl_device, worker)
     row = rows_of(settled, group, options, job.technique)[0]
     return Found(
         [
             {
                 **{name: row.get(name) for name in _COLUMNS},
+                "frames_to_rest": settled.frames_to_rest,
                 "probes": settled.counts.get("probes"),
                 "surfels": settled.counts.get("surfels"),
                 "remarks": "; ".join(remarks),
@@ -76,6 +80,7 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[table["status"] == "ok"].copy()
     ok["MiB"] = ok["memory_bytes"] / 2**20
     shown = ["scene", "technique", "bias", "rel_l2", "MiB", "time_ms", "frames", "settled"]
+    shown += ["frames_to_rest"]
     formats = {"bias": "+.1%", "rel_l2": ".1%", "MiB": ".1f", "time_ms": ".2f"}
     said = ok[ok["remarks"].fillna("") != ""]
     lines = [f"- **{r.technique} on {r.scene}**: {r.remarks}" for r in said.itertuples()]

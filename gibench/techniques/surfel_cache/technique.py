@@ -16,12 +16,17 @@ from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.standing_light import StandingLight
 from gibench.techniques.registry import TUNED
 from gibench.techniques.surfel_cache.bake.data import SurfelBake
 from gibench.techniques.surfel_cache.pack import Sizes, arrays_of, flux_scale
 from gibench.techniques.surfel_cache.passes import FramePasses
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
 from gibench.techniques.technique import FloatArray, Pass
+
+REST_CHANGE = 0.005
+"""Root mean square change of all caches' coefficients from look to look, as a share of themselves,
+that counts as none."""
 
 
 class SurfelCache:
@@ -43,6 +48,7 @@ class SurfelCache:
         bake: SurfelBake = world.baked
         tuned = job.variant == TUNED
         self.device, self.bake = device, bake
+        self._light = StandingLight(REST_CHANGE)
         self._job, self._world = job, world
         self.scene = FrameScene.of(device, job.shot, world)
         self.sizes = Sizes.of(bake, settings, tuned, device.vector_width)
@@ -69,6 +75,15 @@ class SurfelCache:
     def begin_frame(self, frame: int) -> None:
         """Move lights, camera and objects."""
         self.scene.begin_frame(frame)
+
+    def at_rest(self) -> bool:
+        """Whether its bounces have come together: every frame adds one (Jendersie et al. 2016,
+        section 4.1: surfels are lit by the last frame's caches), until the caches' coefficients
+        change by no more than ``REST_CHANGE`` of themselves from one look to the next.
+        """
+        held = [self.device.read(self.frame.held[name]) for name in ("cache_map", "cache_grid")]
+        light = [each.view(np.float16)[..., :3].reshape(-1) for each in held]
+        return self._light.takes(np.concatenate(light))
 
     def look_from(self, camera: Camera) -> None:
         """See the scene from ``camera`` wherever there is no flight."""

@@ -35,6 +35,13 @@ class Schedule:
     def __post_init__(self) -> None:
         self._age = np.full(len(self.numbers), np.inf)
 
+    @property
+    def oldest(self) -> float:
+        """Frames since the probe that has waited longest was lit, its own frame counted; infinite
+        as long as one never was, 0 where there are none.
+        """
+        return float(self._age.max(initial=0.0))
+
     def next(self, camera: tuple[float, float, float]) -> tuple[Ints, npt.NDArray[np.bool_]]:
         """The probes (k,) of the next frame, seen from ``camera``, and which of them are lit for
         the first time.

@@ -17,8 +17,13 @@ from gibench.techniques.parts.captured_probes.stages import CapturedProbes
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.standing_light import StandingLight
 from gibench.techniques.registry import TUNED
 from gibench.techniques.technique import FloatArray, Pass
+
+REST_CHANGE = 0.005
+"""Root mean square change of all maps' irradiance in a round of relighting, as a share of itself,
+that counts as none."""
 
 
 def check_volume(scene: Scene, settings: CapturedProbeSettings) -> None:
@@ -73,6 +78,8 @@ class CapturedProbeTechnique:
         self._job, self._world, self._settings = job, world, settings
         self.scene = FrameScene.of(device, job.shot, world)
         self.probes = HeldProbes.create(device, settings, baked)
+        self._frames, self._looked, self._still = 0, 0, False
+        self._light = StandingLight(REST_CHANGE)
         tuned = job.variant == TUNED
         self._passes = ProbePasses(
             self.scene,
@@ -91,6 +98,21 @@ class CapturedProbeTechnique:
         """Move lights and camera; choose which probes are relit."""
         self.scene.begin_frame(frame)
         self._passes.begin_frame()
+        self._frames += 1
+
+    def at_rest(self) -> bool:
+        """Whether its probes have gathered their light. Probes that were lit once (McGuire et al.
+        2017, section 3: all of it is precomputed) always have. Relit, each adds a bounce whenever
+        its turn comes: once all have been lit, the irradiance in their maps must have changed by
+        no more than ``REST_CHANGE`` while every probe had its turn once more, as it is found
+        whenever they all have had it. Ours: the paper relights nothing.
+        """
+        if not self._settings.relit or not len(self._passes.schedule.numbers):
+            return True
+        if self._passes.schedule.oldest <= self._frames - self._looked:
+            self._looked = self._frames
+            self._still = self._light.takes(self.device.read(self.probes.irradiance)[..., :3])
+        return self._still
 
     def look_from(self, camera: Camera) -> None:
         """See the scene from ``camera`` wherever there is no flight."""
