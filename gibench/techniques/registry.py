@@ -81,6 +81,11 @@ def no_remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     return []
 
 
+def no_leaks(job: Job, scene: Scene) -> list[str]:
+    """For a technique that knows what stands between."""
+    return []
+
+
 def nothing_baked(context: BakeContext) -> tuple[Stage, ...]:
     """The stages of a technique that computes nothing ahead of frames."""
     return ()
@@ -109,6 +114,8 @@ class TechniqueSpec:
         remarks: why the technique will not come within 10 % of the scene's mean indirect light,
             told before a run: by tests of geometry, lights and settings, a sentence without a full
             stop each, with the setting that would help and what it costs.
+        leaks: why light will be where it should not, though its mean over the scene may be right,
+            told likewise.
         follows: what of it follows objects that move; what holds only for the scene at rest (a
             bake) does not. One that does not follow with its direct light is not run with motion.
         woken_by: what, where it moves, keeps it from ever being at rest
@@ -131,6 +138,7 @@ class TechniqueSpec:
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     check: Callable[[Scene, Any], None] = no_check
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
+    leaks: Callable[[Job, Scene], list[str]] = no_leaks
     follows: frozenset[Follows] = frozenset()
     woken_by: frozenset[Wakes] = frozenset(Wakes)
     counts: Mapping[str, str] = field(default_factory=dict)

@@ -97,7 +97,7 @@ class Session:
         flight, motion = shot.flight.of(scene, camera), shot.motion.of(scene)
         if motion is not None and Follows.DIRECT_LIGHT not in spec.follows:
             raise _stands_still(spec)
-        remarks = spec.remarks(job, scene, camera)
+        remarks = [*spec.remarks(job, scene, camera), *spec.leaks(job, scene)]
         for remark in remarks:
             _LOG.warning("%s on %s: %s", spec.name, scene.name, remark)
         asked = receivers = job.receivers or scene.receivers

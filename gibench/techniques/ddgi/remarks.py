@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 from gibench.scene.model import Camera, Scene
@@ -10,6 +11,7 @@ from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.job import Job
 from gibench.techniques.parts.free_space import free_space
 from gibench.techniques.parts.rare_light import rare_light
+from gibench.techniques.parts.thin_walls import leaking_walls
 
 # Probes further apart than surfaces lie on both sides of a wall, and few between walls.
 _FURTHEST: Final = 0.9
@@ -36,3 +38,20 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     window = 2 / (1 - settings.hysteresis) - 1
     longer = ", or average longer: --set ddgi.hysteresis=0.995 settles in six times the frames"
     return told + rare_light(space, settings.blended * window, "of a probe", longer)
+
+
+def leaks(job: Job, scene: Scene) -> list[str]:
+    """Walls that probes do not resolve: thinner than what their distances are averaged over at the
+    next probe, a texel or the lobe of ``distance_exponent``, where near and far are one mean with a
+    large variance.
+    """
+    settings: DdgiSettings = job.settings
+    volume = make_volume(scene, settings)
+    texel = math.sqrt(4 * math.pi) / settings.distance_texels
+    lobe = 2 * math.sqrt(2 * math.log(2) / max(settings.distance_exponent, 1.0))
+    return leaking_walls(
+        scene,
+        max(texel, lobe) * max(volume.spacing),
+        "over which a probe's distances are averaged at the next probe",
+        f"--probes {8 * volume.probes} halves that, with eight times the rays and memory",
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gibench.scene.model import Scene
-from gibench.techniques.gibs.remarks import remarks
+from gibench.techniques.gibs.remarks import leaks, remarks
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.technique import Gibs, buffers
 from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec, Wakes
@@ -28,5 +28,6 @@ SPEC = TechniqueSpec(
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=_sweep,
     remarks=remarks,
+    leaks=leaks,
     counts={"surfels": "surfel_capacity"},
 )

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
+
+import numpy as np
 
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.job import Job
 from gibench.techniques.parts.free_space import free_space, in_reach
 from gibench.techniques.parts.rare_light import rare_light
+from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import PUBLISHED
 
 _REACHED: Final = 0.7  # share of the lit surface that must be
@@ -36,3 +40,19 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
             )
     # A surfel's rays go to one hemisphere.
     return told + rare_light(free_space(scene), 2.0 * _WINDOW, "of a surfel", "")
+
+
+def leaks(job: Job, scene: Scene) -> list[str]:
+    """Without depth tests: walls thinner than a surfel half the scene's diagonal away reaches."""
+    settings: GibsSettings = job.settings
+    if settings.depth_moments:
+        return []
+    away = float(np.linalg.norm(np.subtract(*scene.bounds))) / 2
+    field = scene.cameras[0].fov_degrees if scene.cameras else 50.0
+    radius = away * 2 * math.tan(math.radians(field) / 2) * settings.radius_share
+    return leaking_walls(
+        scene,
+        radius,
+        "a surfel's radius, and depth is not tested",
+        "--set gibs.depth_moments=true tests it, for 192 bytes a surfel and some time",
+    )

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from gibench.bake.stage import Stage
+from gibench.scene.model import Scene
 from gibench.techniques.irradiance_probes.settings import IrradianceProbeSettings
 from gibench.techniques.irradiance_probes.technique import IrradianceProbes
+from gibench.techniques.job import Job
 from gibench.techniques.parts.captured_probes.stages import Asked, probe_stages
 from gibench.techniques.parts.captured_probes.technique import check_volume, declared, probe_sweep
+from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
 
 __all__ = ["SPEC", "IrradianceProbeSettings", "IrradianceProbes"]
@@ -20,6 +23,17 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     return probe_stages(IrradianceProbes.name, context, asked)
 
 
+def _leaks(job: Job, scene: Scene) -> list[str]:
+    """Walls thinner than probes are apart: those on both sides count, whatever lies between."""
+    settings: IrradianceProbeSettings = job.settings
+    return leaking_walls(
+        scene,
+        max(settings.volume(scene).spacing),
+        "the distance of probes, which know of no walls",
+        "ddgi and light-field-probes test what a probe sees, for more time and memory",
+    )
+
+
 SPEC = TechniqueSpec(
     name=IrradianceProbes.name,
     title="Irradiance probes",
@@ -31,6 +45,7 @@ SPEC = TechniqueSpec(
     buffers=declared,
     sweep=probe_sweep,
     check=check_volume,
+    leaks=_leaks,
     memory_options=("--probes", "--set irradiance-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},
 )

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 from gibench.bake.stage import Stage
+from gibench.scene.model import Scene
+from gibench.techniques.job import Job
 from gibench.techniques.light_field_probes.settings import LightFieldProbeSettings
 from gibench.techniques.light_field_probes.technique import LightFieldProbes
 from gibench.techniques.parts.captured_probes.stages import Asked, probe_stages
 from gibench.techniques.parts.captured_probes.technique import check_volume, declared, probe_sweep
+from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
 
 __all__ = ["SPEC", "LightFieldProbeSettings", "LightFieldProbes"]
@@ -26,6 +31,22 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     return probe_stages(LightFieldProbes.name, context, asked)
 
 
+def _leaks(job: Job, scene: Scene) -> list[str]:
+    """Walls thinner than what points are moved by, and a texel of a probe's distances covers at the
+    next probe.
+    """
+    settings: LightFieldProbeSettings = job.settings
+    texel = math.sqrt(4 * math.pi) / settings.map_texels
+    volume = settings.volume(scene)
+    reach = settings.surface_bias + settings.visibility_bias + texel * max(volume.spacing)
+    return leaking_walls(
+        scene,
+        reach,
+        "the biases and what a texel of a probe's distances covers at the next probe",
+        f"--probes {8 * volume.probes} halves the latter, with eight times the memory",
+    )
+
+
 SPEC = TechniqueSpec(
     name=LightFieldProbes.name,
     title="Light field probes",
@@ -37,6 +58,7 @@ SPEC = TechniqueSpec(
     buffers=declared,
     sweep=probe_sweep,
     check=check_volume,
+    leaks=_leaks,
     memory_options=("--probes", "--set light-field-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},
 )

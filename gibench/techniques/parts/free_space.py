@@ -84,7 +84,7 @@ def free_space(scene: Scene) -> FreeSpace:
 def _measure(scene: Scene) -> FreeSpace:
     rng = np.random.default_rng(7)
     tracer, lift = scene_tracer(scene), surface_offset(scene)
-    points, normals = _on_surfaces(scene, rng, _POINTS)
+    points, normals = points_on_surfaces(scene, rng, _POINTS)
     origins = (points + lift * normals).astype(np.float32)
     ahead = tracer.closest(origins, normals.astype(np.float32)).distance
     directions = _cosine(np.repeat(normals, _LOOKS, axis=0), rng)
@@ -106,7 +106,9 @@ def _measure(scene: Scene) -> FreeSpace:
     )
 
 
-def _on_surfaces(scene: Scene, rng: np.random.Generator, count: int) -> tuple[Doubles, Doubles]:
+def points_on_surfaces(
+    scene: Scene, rng: np.random.Generator, count: int
+) -> tuple[Doubles, Doubles]:
     """Points spread over all fronts by area, and their unit normals, (n, 3) each."""
     return _on_triangles(scene.corners.astype(np.float64), rng, count)
 
@@ -232,7 +234,7 @@ def in_reach(scene: Scene, camera: Camera, aspect: float, hops: bool) -> float:
     """
     rng = np.random.default_rng(11)
     lift = surface_offset(scene)
-    points, normals = _on_surfaces(scene, rng, _REACHED)
+    points, normals = points_on_surfaces(scene, rng, _REACHED)
     origins = points + lift * normals
     reached = _shown(scene, camera, aspect, origins, normals)
     factors = _view_factors(scene, origins, normals, _area(scene) / _REACHED)

@@ -153,9 +153,13 @@ def dark_over_lit(**settings):
 
 
 def test_depth_moments_keep_light_out_of_the_dark_room():
-    """Floors on both sides of a thin wall are one plane: only depth tells their surfels apart."""
-    assert dark_over_lit(depth_moments=False) > 0.02
-    assert dark_over_lit(depth_moments=True) < 0.01
+    """Floors on both sides of a thin wall are one plane: only depth tells their surfels apart.
+
+    With room for all of them: where IDs run out before the dark room has its own, what is let
+    through is not outweighed.
+    """
+    assert dark_over_lit(depth_moments=False, surfels=4000) > 0.02
+    assert dark_over_lit(depth_moments=True, surfels=4000) < 0.01
 
 
 @pytest.mark.parametrize("variant", ["published", "tuned"])
