@@ -81,6 +81,24 @@ class CameraStart:
         return self.width * self.height
 
 
+@dataclass(frozen=True)
+class RayStart:
+    """Paths start along given rays, one each, and estimate the radiance that comes back.
+
+    Attributes:
+        origins: (n, 3) m, off the surface that they leave.
+        directions: (n, 3) unit.
+    """
+
+    origins: Doubles
+    directions: Doubles
+
+    @property
+    def owners(self) -> int:
+        """Number of rays."""
+        return len(self.origins)
+
+
 def wave_capacity(scene: PackedScene, wave_paths: int = WAVE_PATHS) -> int:
     """Paths that one wave takes at most."""
     return max(1, min(wave_paths, _WAVE_SHADOW_RAYS // max(1, _slots(scene))))
@@ -114,7 +132,7 @@ class Wavefront:
         self,
         scene: PackedScene,
         tracer: RayTracer,
-        start: ReceiverStart | CameraStart,
+        start: ReceiverStart | CameraStart | RayStart,
         bounces: int | None,
         wave_paths: int = WAVE_PATHS,
         program: HostProgram | None = None,
@@ -181,7 +199,7 @@ class Wavefront:
                 reads("fragment_corners", share(f.corners)),
                 reads("fragment_triangle", share(f.triangle)),
             )
-        else:
+        elif isinstance(start, CameraStart):
             self._start = (reads("camera", share(start.plane.astype(np.float32))),)
 
     def round(
@@ -251,6 +269,13 @@ class Wavefront:
                 *self._normal_maps,
             )
             self._go_on(q, at, count, vertex, which)
+        elif isinstance(self.start, RayStart):
+            rays = slice(first, first + count)
+            q.throughput.array[:count], q.collected.array[:count] = 1.0, 0.0
+            at.origin.array[:count] = self.start.origins[rays]
+            at.direction.array[:count] = self.start.directions[rays]
+            at.path.array[:count], at.density.array[:count] = np.arange(count), 1.0
+            kind = CAMERA_ALL
         else:
             run(
                 "start_at_camera",
@@ -314,7 +339,10 @@ class Wavefront:
         self.program.queue.finish()
 
     def _connect(self, q: Queues, at: Vertices, count: int, vertex: int) -> None:
-        direct = isinstance(self.start, CameraStart) and not self.start.indirect_only
+        start = self.start
+        direct = not isinstance(start, ReceiverStart)
+        if isinstance(start, CameraStart):
+            direct = not start.indirect_only
         first_light = 0 if vertex > 0 or direct else self._delta
         slots = self._slots - first_light
         if not slots:

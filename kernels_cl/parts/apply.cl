@@ -5,11 +5,18 @@
 //   LOOKUP_PARAMS, LOOKUP_ARGS    what its lookup reads
 //   float3 looked_up(LOOKUP_PARAMS, Hit hit, float3 direction)
 //       irradiance, W/m2, at a hit of a surface's front seen along a unit direction
+// or with REFLECTED=1, where it does not reflect alike to all sides:
+//   float3 reflected(LOOKUP_PARAMS, Hit hit, float3 direction, float3 albedo)
+//       radiance, W/m2/sr, that it sends back along the direction
 // Macros: GBUFFER, which is GBUFFER_HIT (parts/gbuffer.cl); PIXELS of a work-item, a power of two.
 #include "common/camera.cl"
 #include "common/pixels.cl"
 #include "common/shade.cl"
 #include "parts/gbuffer.cl"
+
+#ifndef REFLECTED
+#define REFLECTED 0
+#endif
 
 // application: one work-item per PIXELS pixels in a row of the tiled order (common/pixels.cl).
 //   radiance = direct light + albedo / pi irradiance looked up
@@ -32,8 +39,12 @@ __kernel void application(LOOKUP_PARAMS, __global const float *camera, int width
         float3 radiance = (show & SHOW_DIRECT) ? load3(image, at) : (float3)(0.0f);
         if (applies) {
             const float3 direction = primary_ray(camera, pixel, width, height).direction;
+#if REFLECTED
+            radiance += reflected(LOOKUP_ARGS, kept.hit, direction, kept.albedo);
+#else
             const float3 irradiance = looked_up(LOOKUP_ARGS, kept.hit, direction);
             radiance = with_reflected(radiance, kept.albedo, irradiance);
+#endif
         }
         store3(image, at, radiance);
     }

@@ -4,6 +4,7 @@
 #include "common/environment.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
+#include "common/normal_map.cl"
 #include "common/pixels.cl"
 #include "common/sampling.cl"
 #include "common/shade.cl"
@@ -12,10 +13,11 @@
 // camera: one work-item per pixel, in tiled order (common/pixels.cl).
 //   radiance = emission + albedo / pi direct irradiance, the environment on a miss, black on a
 //   surface's back. Bennett 2019, section 5.4 (there by rasterisation).
-// image: (height, width, 3) W/m2/sr. What else is kept: parts/gbuffer.cl.
+// image: (height, width, 3) W/m2/sr. What else is kept: parts/gbuffer.cl. NORMAL_MAPS: shaded with the
+// normals of common/normal_map.cl.
 __kernel void camera(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                      __global const float *camera, int width, int height, KEPT_PARAMS
-                     __global float *image)
+                     __global float *image NORMAL_MAP_PARAM)
 {
     const int item = get_global_id(0);
     const int2 pixel = tiled_pixel(item, width);
@@ -29,7 +31,11 @@ __kernel void camera(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAM
         radiance = environment_radiance(ENVIRONMENT_ARGS, ray.direction);
         KEEP_NOTHING(item, at);
     } else {
-        const Surface s = surface_at(SURFACE_ARGS, hit);
+        Surface s = surface_at(SURFACE_ARGS, hit);
+#if NORMAL_MAPS
+        s.normal = mapped_normal(normal_maps, hit.triangle, hit.u, hit.v, s.normal,
+                                 s.geometric_normal);
+#endif
         if (dot(s.geometric_normal, ray.direction) < 0.0f) {
             KEEP(item, at, hit, s);
             const float3 irradiance =

@@ -4,6 +4,7 @@
 #include "common/environment.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
+#include "common/normal_map.cl"
 #include "common/pixels.cl"
 #include "common/sampling.cl"
 #include "common/shade.cl"
@@ -28,7 +29,7 @@ inline void set_vector(Vectors *v, int i, float3 value)
 // rays and whose shadow rays to one light run as packets; else as in camera.cl.
 __kernel void camera(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAMS,
                      __global const float *camera, int width, int height, KEPT_PARAMS
-                     __global float *image)
+                     __global float *image NORMAL_MAP_PARAM)
 {
     const int first = PACKET * get_global_id(0);
     const int2 corner = tiled_pixel(first, width);
@@ -68,7 +69,11 @@ __kernel void camera(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_PARAM
             KEEP_NOTHING(first + i, row_place(corner + tile_offset(i), width));
             continue;
         }
-        const Surface s = surface_at(SURFACE_ARGS, hit);
+        Surface s = surface_at(SURFACE_ARGS, hit);
+#if NORMAL_MAPS
+        s.normal = mapped_normal(normal_maps, hit.triangle, hit.u, hit.v, s.normal,
+                                 s.geometric_normal);
+#endif
         if (dot(s.geometric_normal, direction) >= 0.0f) {
             KEEP_NOTHING(first + i, row_place(corner + tile_offset(i), width));
             continue;

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.glow_scenes import bumpy
+from support.normal_map_oracle import mapped
 from support.reference_scenes import box, lightmap_of, quad, random_scene, scene_of
 
 from gibench.reference import host_cl, wavefront
@@ -12,25 +13,8 @@ from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.path_tracer import reference_image, reference_irradiance
 from gibench.reference.queues import Queues
 from gibench.reference.wavefront import ReceiverStart, Wavefront
-from gibench.scene.lightmap.albedo import bilinear
 from gibench.scene.model import Camera, DirectionalLight, Environment, Material
-from gibench.scene.normal_maps import NormalMaps, packed_normals, unpacked_normals
-
-
-def mapped(scene, triangle, b, normal, geometric):
-    """``mapped_normal`` of kernels_cl/common/normal_map.cl in float64 for one point."""
-    maps = scene.normal_maps
-    row = np.flatnonzero(maps.triangle == triangle)
-    if not len(row):
-        return normal
-    r = row[0]
-    pixels = maps.images[maps.image[r]]
-    image = unpacked_normals(packed_normals(pixels)).reshape(pixels.shape)
-    bent = bilinear(image, (b @ maps.uvs[r].astype(float))[None])[0]
-    tangent = b @ maps.tangents[r, :, :3].astype(float)
-    bitangent = maps.tangents[r, 0, 3] * np.cross(normal, tangent)
-    found = maps.scale[r] * (bent[0] * tangent + bent[1] * bitangent) + bent[2] * normal
-    return normal if found @ geometric <= 0 else found / np.linalg.norm(found)
+from gibench.scene.normal_maps import NormalMaps
 
 
 @pytest.mark.parametrize("group", [1, 16, 100])

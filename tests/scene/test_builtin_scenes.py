@@ -21,6 +21,8 @@ from gibench.scene.model import DirectionalLight, Scene
 SIZES = {
     "cornell-box": (94, 27, 40_564),
     "blue-orange-box": (96, 20, 50_784),
+    "bumpy-box": (94, 27, 20_000),
+    "glossy-box": (68, 27, 20_000),
     "two-rooms": (56, 40, 20_000),
     "two-rooms-gap": (64, 40, 20_000),
     "hall": (28_862, 108, 103_605),

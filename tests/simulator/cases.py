@@ -120,6 +120,7 @@ OTHERS = [
         "cut_frames",
         "cut_reference",
         "glow_frames",
+        "bumpy_frames",
         "glow_reference",
         "bumpy_reference",
     )

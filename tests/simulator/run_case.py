@@ -45,8 +45,14 @@ from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import Turn
 from gibench.techniques.parts.camera_pass import camera_launch, rendered
+from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.gloss_table import GlossTable
+from gibench.techniques.parts.normal_map_table import NormalMapTable
+from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique
+from gibench.techniques.srp.application import srp_application
 from gibench.techniques.technique import Technique
 from gibench.work import Serial
 
@@ -248,6 +254,27 @@ def bumpy_reference(case: Case, cache: Path) -> None:
     """Paths from surfaces with normal maps."""
     rng = np.random.default_rng(0)
     paths_of(case, bumpy(random_scene(rng), rng))
+
+
+def bumpy_frames(case: Case, cache: Path) -> None:
+    """Images of surfaces with normal maps: direct light by single rays and packets; SRP's light,
+    diffuse and glossy.
+    """
+    rng = np.random.default_rng(1)
+    scene = bumpy(build("cornell-box"), rng)
+    width, height = SHAPE_OF_OTHERS[1:]
+    device = Device(PROFILE)
+    frame = FrameScene(device, scene, width, height, scene.cameras[0])
+    signal = ReceiverSignal.create(
+        FrameLightmap.upload(device, unwrap(scene, RECEIVERS)), "signal", 4
+    )
+    device.write(signal.map, rng.uniform(0, 1, signal.map.shape).astype(np.float32))
+    hits = HitBuffer.create(device, width, height)
+    maps, gloss = NormalMapTable.upload(device, scene), GlossTable.upload(device, scene)
+    for packets in (False, True):
+        applied = srp_application(frame, hits, signal, packets, maps, gloss if packets else None)
+        for image in applied.images(case.size).values():
+            assert np.isfinite(image).all()
 
 
 def glow_frames(case: Case, cache: Path) -> None:

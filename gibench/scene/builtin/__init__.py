@@ -18,6 +18,8 @@ from gibench.scene.model import Scene
 _MAKERS: dict[str, Callable[[Settings], list[Piece]]] = {
     "cornell-box": box_room.parts,
     "blue-orange-box": box_room.parts,
+    "bumpy-box": box_room.parts,
+    "glossy-box": box_room.glossy_strips,
     "two-rooms": two_rooms.parts,
     "two-rooms-gap": two_rooms.parts,
     "hall": hall.parts,

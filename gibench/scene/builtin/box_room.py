@@ -35,3 +35,15 @@ def parts(settings: Settings) -> list[Piece]:
         sides = box(b["name"], b["name"], b["size"])
         made += [side.moved(offset, b["turn_degrees"]) for side in sides]
     return made
+
+
+def glossy_strips(settings: Settings) -> list[Piece]:
+    """The room with the floor in strips along its depth, a material each, and no boxes."""
+    width, _, depth = settings.geometry["room"]["size"]
+    names = settings.geometry["strips"]["materials"]
+    across = width / len(names)
+    strips = [
+        panel(name, name, (-width / 2 + i * across, 0, depth / 2), (across, 0, 0), (0, 0, -depth))
+        for i, name in enumerate(names)
+    ]
+    return strips + [piece for piece in parts(settings) if piece.name != "floor"]

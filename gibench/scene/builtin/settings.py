@@ -7,7 +7,7 @@ user's (``readers/scene_file.py``); materials and the parameters of generated ge
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from gibench.arrays import Vec3
 from gibench.resources import data
+from gibench.scene.builtin.bumps import Bumps, bumpy_surfaces
 from gibench.scene.builtin.patterns import pattern
 from gibench.scene.builtin.pieces import Piece
 from gibench.scene.model import (
@@ -53,6 +54,7 @@ class Settings:
         materials: albedo (and texture) by name.
         textures: in the order the materials count them.
         motions: of its objects.
+        bumps: by material.
         geometry: everything else in the file.
     """
 
@@ -66,6 +68,7 @@ class Settings:
     materials: dict[str, Material]
     textures: tuple[Texture, ...]
     motions: tuple[Motion, ...]
+    bumps: dict[str, Bumps]
     geometry: dict[str, Any] = field(repr=False)
 
 
@@ -79,7 +82,10 @@ def read_settings(name: str) -> Settings:
     textures: list[Texture] = []
     materials: dict[str, Material] = {}
     for n, color in colors.items():
-        if isinstance(color, dict) and "emission" in color:
+        if isinstance(color, dict) and "roughness" in color:
+            rough, metal = float(color["roughness"]), float(color["metalness"])
+            materials[n] = Material(n, _vec3(color["color"]), roughness=rough, metalness=metal)
+        elif isinstance(color, dict) and "emission" in color:
             materials[n] = Material(n, _vec3(color["color"]), _vec3(color["emission"]))
         elif isinstance(color, dict):
             materials[n] = Material(n, (1.0, 1.0, 1.0), texture=len(textures))
@@ -102,6 +108,7 @@ def read_settings(name: str) -> Settings:
         materials=materials,
         textures=tuple(textures),
         motions=read_motions(table.pop("motion", []), where),
+        bumps={name: Bumps(**values) for name, values in table.pop("bumps", {}).items()},
         geometry=table,
     )
 
@@ -125,7 +132,7 @@ def assemble(settings: Settings, parts: list[Piece]) -> Scene:
     objects: dict[str, int] = {}
     object_of = [objects.setdefault(p.name, len(objects)) for p in parts]
     triangles = np.concatenate([p.triangles + s for p, s in zip(parts, starts, strict=False)])
-    return Scene(
+    made = Scene(
         name=settings.name,
         positions=np.concatenate([p.positions for p in parts]).astype(np.float32),
         normals=np.concatenate([p.normals for p in parts]).astype(np.float32),
@@ -144,3 +151,5 @@ def assemble(settings: Settings, parts: list[Piece]) -> Scene:
         object_names=tuple(objects),
         motions=settings.motions,
     )
+    bumpy = {materials[name]: bumps for name, bumps in settings.bumps.items()}
+    return replace(made, normal_maps=bumpy_surfaces(made, bumpy)) if bumpy else made

@@ -32,6 +32,7 @@ from gibench.techniques.parts.macros import (
     SHOW_INDIRECT,
     tiled_pixels,
 )
+from gibench.techniques.parts.normal_map_table import NO_NORMAL_MAPS, NormalMapTable
 from gibench.techniques.technique import CAMERA, FloatArray, Pass, Work
 
 CAMERA_PASS = "camera"
@@ -59,6 +60,7 @@ def camera_launch(
     kept: Kept | None = None,
     image: Buffer | None = None,
     packets: bool = False,
+    normal_maps: NormalMapTable = NO_NORMAL_MAPS,
 ) -> Launch:
     """The launch that draws what the camera sees without indirect light.
 
@@ -67,9 +69,10 @@ def camera_launch(
         kept: what of the pixels is kept besides; nothing by default.
         image: that is drawn, W/m2/sr; the scene's by default.
         packets: trace as many rays together as a vector holds (see :func:`suits_packets`).
+        normal_maps: that surfaces are shaded with; none by default.
     """
     packet = packet_rays(scene.device) if packets else 1
-    defines = {"GBUFFER": GBUFFER_NONE if kept is None else kept.layout}
+    defines = {"GBUFFER": GBUFFER_NONE if kept is None else kept.layout, **normal_maps.defines}
     if packets:
         defines["PACKET"] = packet
     source = "parts/camera_packet.cl" if packets else "parts/camera.cl"
@@ -81,6 +84,7 @@ def camera_launch(
         *scene.camera_args,
         *(() if kept is None else kept.args),
         writes("image", scene.image if image is None else image),
+        *normal_maps.args,
     )
     items = tiled_pixels(scene.width, scene.height) // packet
     return Launch(scene.program(source, defines), CAMERA_PASS, args, items=items)
@@ -91,6 +95,7 @@ def camera_pass(
     kept: Kept | None = None,
     image: Buffer | None = None,
     packets: bool = False,
+    normal_maps: NormalMapTable = NO_NORMAL_MAPS,
 ) -> Pass:
     """The pass that draws what the camera sees without indirect light (see :func:`camera_launch`).
 
@@ -102,19 +107,20 @@ def camera_pass(
     work = Work(bytes_written=12 * pixels, rays=pixels)
 
     def launches() -> Sequence[Launch]:
-        return [camera_launch(scene, kept, image, packets)]
+        return [camera_launch(scene, kept, image, packets, normal_maps)]
 
     def counted(workgroup_size: int) -> Work:
         written = work.bytes_written + (0.0 if kept is None else kept.bytes_written())
-        rays = work.rays + _shadow_rays(scene, workgroup_size)
+        rays = work.rays + _shadow_rays(scene, workgroup_size, normal_maps)
         return replace(work, bytes_written=written, rays=rays)
 
     return Pass(CAMERA_PASS, launches, work, counted, CAMERA)
 
 
-def _shadow_rays(scene: FrameScene, workgroup_size: int) -> float:
+def _shadow_rays(scene: FrameScene, workgroup_size: int, normal_maps: NormalMapTable) -> float:
     """Shadow rays where the camera's hit, in the frame last begun; overwrites the scene's image."""
-    return float(count_rays(scene.device, camera_launch(scene), workgroup_size).occluded)
+    launch = camera_launch(scene, normal_maps=normal_maps)
+    return float(count_rays(scene.device, launch, workgroup_size).occluded)
 
 
 def rendered(scene: FrameScene, workgroup_size: int, packets: bool = False) -> FloatArray:
@@ -133,6 +139,7 @@ class Application:
         args: what its lookup reads: LOOKUP_PARAMS.
         flops: of a lookup.
         packets: whether the camera pass traces packets.
+        normal_maps: that the camera pass shades with.
     """
 
     scene: FrameScene
@@ -141,6 +148,7 @@ class Application:
     args: Sequence[Argument]
     flops: float
     packets: bool = False
+    normal_maps: NormalMapTable = NO_NORMAL_MAPS
 
     def launch(self, show: int = SHOW_DIRECT | SHOW_INDIRECT) -> Launch:
         """The launch that applies it to an image of direct light; the sum of ``show`` is left."""
@@ -172,7 +180,7 @@ class Application:
             )
 
         return [
-            camera_pass(self.scene, self.hits, packets=self.packets),
+            camera_pass(self.scene, self.hits, packets=self.packets, normal_maps=self.normal_maps),
             Pass(APPLICATION, lambda: [self.launch()], kept, counted),
         ]
 
@@ -181,9 +189,8 @@ class Application:
         (h, w, 3) W/m2/sr. The frame is left on the device.
         """
         scene = self.scene
-        direct = _drawn(
-            scene, camera_launch(scene, self.hits, packets=self.packets), workgroup_size
-        )
+        launch = camera_launch(scene, self.hits, packets=self.packets, normal_maps=self.normal_maps)
+        direct = _drawn(scene, launch, workgroup_size)
         frame = _drawn(scene, self.launch(), workgroup_size)
         indirect = _drawn(scene, self.launch(SHOW_INDIRECT), workgroup_size)
         scene.device.write(scene.image, frame)

@@ -51,3 +51,7 @@ class NormalMapTable:
     def defines(self) -> dict[str, Define]:
         """The macros of programs that read them."""
         return {} if self.words is None else {"NORMAL_MAPS": 1}
+
+
+NO_NORMAL_MAPS = NormalMapTable(None)
+"""Of what is shaded with the interpolated normal."""

@@ -11,6 +11,8 @@ from gibench.techniques.job import Known
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.gloss_table import GlossTable
+from gibench.techniques.parts.normal_map_table import NormalMapTable
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
@@ -85,6 +87,8 @@ def _buffers(known: Known) -> list[BufferSpec]:
         ReceiverSignal.spec("indirect", texels, settings.components),
         FRAME_STATE,
         *own,
+        *(NormalMapTable.buffers(scene) if settings.normal_maps else ()),
+        *(GlossTable.buffers(scene) if settings.gloss else ()),
         HitBuffer.spec(job.shot.width, job.shot.height),
     ]
 

@@ -40,8 +40,33 @@ class SrpSettings(SrpBakeSettings):
         },
     )
 
+    normal_maps: bool = field(
+        default=False,
+        metadata={
+            "help": "shade what the camera sees with the scene's normal maps; receiver_order 1 "
+            "knows the indirect light there (Silvennoinen and Lehtinen 2017, section 5.1)",
+            "unit": "",
+        },
+    )
+
+    gloss: bool = field(
+        default=False,
+        metadata={
+            "help": "glossy reflection of indirect light, taken for one light from afar: rough "
+            "metals alone come near (Silvennoinen and Lehtinen 2017, section 5.1); needs "
+            "receiver_order 1",
+            "unit": "",
+        },
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name in ("normal_maps", "gloss"):
+            if getattr(self, name) and not self.receiver_order:
+                raise BadInput(
+                    f"{name} needs light of order 1 at the receivers",
+                    mend="add --set srp.receiver_order=1",
+                )
         if self.storage not in STORAGES:
             raise BadInput(f"storage is '{self.storage}'", mend=f"use {', '.join(STORAGES)}")
         if self.probe_update_fraction not in FRACTIONS:

@@ -14,10 +14,12 @@ from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
-from gibench.techniques.parts.lightmap_lookup import lightmap_application
+from gibench.techniques.parts.gloss_table import GlossTable
 from gibench.techniques.parts.lightmap_update import lightmap_update
+from gibench.techniques.parts.normal_map_table import NO_NORMAL_MAPS, NormalMapTable
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.registry import TUNED
+from gibench.techniques.srp.application import srp_application
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.common import ProbeTurns, SrpInput, SrpVariant, TransportSizes
 from gibench.techniques.srp.probe_view import probe_view
@@ -78,11 +80,16 @@ class Srp:
         tuned = job.variant == TUNED
         self._before: Floats | None = None
         self.variant: SrpVariant = _variant(given, tuned)
-        self._application = lightmap_application(
+        maps = NO_NORMAL_MAPS
+        if settings.normal_maps:
+            maps = NormalMapTable.upload(device, world.scene)
+        self._application = srp_application(
             self.scene,
             HitBuffer.create(device, job.shot.width, job.shot.height),
             self.indirect,
             packets=tuned and suits_packets(device),
+            normal_maps=maps,
+            gloss=GlossTable.upload(device, world.scene) if settings.gloss else None,
         )
 
     def passes(self) -> Sequence[Pass]:

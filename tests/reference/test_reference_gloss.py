@@ -1,0 +1,74 @@
+"""The truth of gloss: in a furnace, and of a light that it can be told from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.reference_scenes import quad, scene_of
+
+from gibench.errors import BadInput
+from gibench.reference.glossy import reference_gloss
+from gibench.scene.model import Camera, Environment, Material
+
+
+def floor_of(material):
+    corners = quad((-5, 0, -5), (0, 0, 10), (10, 0, 0))
+    return scene_of(np.array(corners), 0, [material])
+
+
+def reflected_share(n_v, alpha, f0):
+    """Reflectance times cosine over all directions, by quadrature over the hemisphere."""
+    mu = (np.arange(800) + 0.5) / 800
+    turn = (np.arange(800) + 0.5) / 800 * 2 * np.pi
+    n_l, phi = np.meshgrid(mu, turn, indexing="ij")
+    across = np.sqrt(1 - n_l**2)
+    view = np.array([np.sqrt(1 - n_v**2), 0, n_v])
+    light = np.stack([across * np.cos(phi), across * np.sin(phi), n_l], axis=-1)
+    half = light + view
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    facets = alpha**2 / (np.pi * (half[..., 2] ** 2 * (alpha**2 - 1) + 1) ** 2)
+    k = alpha / 2
+    seen = 1 / ((n_l * (1 - k) + k) * (n_v * (1 - k) + k))
+    fresnel = f0 + (1 - f0) * (1 - half @ view) ** 5
+    return (fresnel * facets * seen / 4 * n_l).mean() * 2 * np.pi
+
+
+@pytest.mark.parametrize(
+    ("roughness", "metalness", "tilt"), [(0.5, 1.0, 0.3), (1.0, 1.0, 1.2), (0.7, 0.0, 1.0)]
+)
+def test_in_a_furnace(roughness, metalness, tilt):
+    """Under a sky of one radiance: that times what the reflectance sums up to."""
+    material = Material("floor", (0.6, 0.6, 0.6), roughness=roughness, metalness=metalness)
+    scene = replace(floor_of(material), environment=Environment.constant((2.0, 2.0, 2.0)))
+    eye = np.array([np.sin(tilt), np.cos(tilt), 0.0])
+    camera = Camera(tuple(3 * eye), (0.0, 0.0, 0.0), 1.0, up=(0.0, 0.0, 1.0))
+    found = reference_gloss(scene, camera, 4, 4, paths=4096)
+    f0 = 0.6 if metalness else 0.04
+    expected = 2 * reflected_share(np.cos(tilt), roughness**2, f0)
+    mean, error = found.value.mean(), np.sqrt((found.stderr**2).mean() / 16)
+    assert abs(mean - expected) < 5 * error + 2e-3 * expected
+    assert error < 0.01 * expected
+
+
+def test_light_from_one_side_alone():
+    """A wall that glows is seen in the floor before it, and not from behind."""
+    wall = quad((2, 0, -5), (0, 0, 10), (0, 5, 0))
+    floor = quad((-5, 0, -5), (0, 0, 10), (10, 0, 0))
+    materials = [
+        Material("floor", (0.8, 0.8, 0.8), roughness=0.2, metalness=1.0),
+        Material("wall", (0.0, 0.0, 0.0), (3.0, 3.0, 3.0)),
+    ]
+    scene = scene_of(np.array([*floor, *wall]), [0, 0, 1, 1], materials)
+    towards = Camera((-2, 1, 0), (0, 0, 0), 1.0)
+    away = Camera((1.5, 1, 0), (0, 0, 0), 1.0)
+    facing, turned = (reference_gloss(scene, c, 2, 2, paths=512).value for c in (towards, away))
+    assert facing.min() > 1.5
+    assert turned.max() < 0.05 * facing.min()
+
+
+def test_too_few_paths_are_refused():
+    scene = floor_of(Material("floor"))
+    with pytest.raises(BadInput, match="no standard error"):
+        reference_gloss(scene, Camera((0, 1, 0), (0, 0, 0), up=(0, 0, 1)), 2, 2, paths=4)
