@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.glow_scenes import PLAIN, checkers, glowing, sign
 from support.reference_scenes import box, lightmap_of, patch, random_scene, scene_of
+from support.standard_errors import pooled
 
 from gibench.reference.glow_pieces import glow_pieces
 from gibench.reference.lights import emitter_table, luminance, triangle_areas
@@ -99,7 +100,7 @@ def test_light_of_any_image_is_its_integral(rng, kind):
     scene = sign(pixels, (0, 1, 0.7), (1, 0, 0), (0.1, -1, 0.1), others, uvs=uvs)
     found = reference_irradiance(scene, lightmap_of(scene, range(2)), paths=1 << 12, seed=9)
     normal = np.array((0.1, 0.0, 1.0)) / np.hypot(0.1, 1.0)
-    for point, value, error in zip(points, found.value, found.stderr, strict=True):
+    for point, value, error in zip(points, found.value, pooled(found.stderr), strict=True):
         expected = quadrature(scene, point, normal)
         assert (np.abs(value - expected) < 4.5 * error + 2e-3 * expected).all()
     # A few paths will do where the image is sampled by its brightness.
@@ -188,7 +189,7 @@ def test_a_room_lit_by_an_image_is_lit_as_by_its_texels(rng):
         reference_irradiance(one, lightmap_of(one, range(len(walls))), paths=4096, seed=seed)
         for one, seed in ((scene, 1), (plain, 2))
     ]
-    spread = np.sqrt(sum(one.stderr**2 for one in results))
+    spread = np.sqrt(sum(pooled(one.stderr) ** 2 for one in results))
     off = results[0].value - results[1].value
     assert (np.abs(off) < 4.5 * spread + 0.004 * results[1].value).all()
     noise = np.sqrt((spread**2).sum()) / spread.size
