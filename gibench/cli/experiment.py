@@ -61,6 +61,15 @@ def experiment(
         ),
     ] = None,
     shard: options.Shard = None,
+    target: Annotated[
+        float | None,
+        typer.Option(
+            "--target",
+            metavar="X",
+            help="What is to be the same for every technique: GI ms of equal-time (3), relative L2 "
+            "error of equal-error (0.2).",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -93,6 +102,8 @@ def experiment(
       gibench experiment receiver-reduction --scene sponza.obj
 
       gibench experiment ray-budget --scene sponza.obj
+
+      gibench experiment equal-time --target 3 --scene hall
     """
     if name is None:
         from rich.markup import escape
@@ -121,6 +132,7 @@ def experiment(
             warmup_frames=warmup_frames,
             warmup_seconds=warmup_seconds,
             resolution=resolution,
+            target=target,
             shard=shard,
             out=out,
             seed=seed,

@@ -10,13 +10,20 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.selection import select_cl_device
+from gibench.errors import BadInput
 from gibench.measure.plan.shard import Shard
 from gibench.measure.plan.stopping import Patience
 from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
-from gibench.study.experiments.common import Context, points_left, run_experiment, shard_record
+from gibench.study.experiments.common import (
+    Context,
+    Experiment,
+    points_left,
+    run_experiment,
+    shard_record,
+)
 from gibench.study.quality import check_target_error
 from gibench.study.site import Site
 from gibench.study.where import timed_where
@@ -47,6 +54,7 @@ def experiment(
     warmup_frames: int = 1000,
     warmup_seconds: float = 180.0,
     resolution: str | None = None,
+    target: float | None = None,
     shard: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
@@ -68,6 +76,7 @@ def experiment(
     chosen = find_experiment(name)
     check_target_error(target_error)
     check_paths(reference_paths, "--reference-paths")
+    _check_target(chosen, target)
     image = None if resolution is None else asked.image_size(resolution)
     profiles = asked.load_profiles(asked.several(device_profile) or chosen.profiles)
     cl_device = select_cl_device(device)
@@ -83,6 +92,7 @@ def experiment(
         "warmup_frames": warmup_frames,
         "warmup_seconds": warmup_seconds,
         "resolution": resolution,
+        "target": target,
         "seed": seed,
     }
     context = Context(
@@ -95,6 +105,7 @@ def experiment(
         resolution=image,
         target_error=target_error,
         reference_paths=reference_paths,
+        target=target,
     )
     part = Shard.parse(shard)
     if part is not None:
@@ -110,3 +121,26 @@ def experiment(
     cpu = record["environment"]["cpu"]
     table = run_experiment(chosen, context, folder, executor, part, cpu)
     return ExperimentResult(folder.path, table)
+
+
+def _check_target(chosen: Experiment, target: float | None) -> None:
+    """Refuse a target of an experiment that has none, or one that is never met.
+
+    Raises:
+        BadInput: naming it.
+    """
+    if target is None:
+        return
+    where = f"--target {target:g}"
+    if not chosen.target:
+        raise BadInput(
+            f"the experiment '{chosen.name}' has no target",
+            where=where,
+            mend="leave it out; equal-time and equal-error have one",
+        )
+    if not 0 < target < float("inf"):
+        raise BadInput(
+            "a target of 0 or less is met by nothing",
+            where=where,
+            mend=f"give more than 0 ({chosen.target})",
+        )

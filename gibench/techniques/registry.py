@@ -72,6 +72,33 @@ def no_sweep(scene: Scene) -> Mapping[str, tuple[Any, ...]]:
     return {}
 
 
+@dataclass(frozen=True)
+class Knob:
+    """A setting that trades cost for quality.
+
+    Attributes:
+        setting: its name.
+        rungs: its values, from cheap to dear.
+    """
+
+    setting: str
+    rungs: tuple[Any, ...]
+
+
+def steps(low: float, high: float, count: int, *, whole: bool = False) -> tuple[Any, ...]:
+    """``count`` values from ``low`` to ``high``, each the same number of times the last; rounded to
+    whole ones, those that fall together once.
+    """
+    ratio = (high / low) ** (1 / (count - 1))
+    found = [low * ratio**n for n in range(count)]
+    return tuple(dict.fromkeys(round(value) if whole else float(f"{value:.4g}") for value in found))
+
+
+def no_knobs(scene: Scene) -> tuple[Knob, ...]:
+    """For a technique whose cost cannot be turned."""
+    return ()
+
+
 def no_check(scene: Scene, settings: Any) -> None:
     """For a technique whose settings suit every scene."""
 
@@ -110,6 +137,8 @@ class TechniqueSpec:
             is what the technique is created with, None where there are none.
         sweep: for a scene, the values by setting that ``gibench advise`` tries, every
             combination of them.
+        knobs: for a scene, what trades its cost for quality: the first is searched for a cost or an
+            error, at each combination of the others' few values.
         check: refuses settings that do not suit a scene (BadInput) before any long work.
         remarks: why the technique will not come within 10 % of the scene's mean indirect light,
             told before a run: by tests of geometry, lights and settings, a sentence without a full
@@ -136,6 +165,7 @@ class TechniqueSpec:
     buffers: Callable[[Known], list[BufferSpec]]
     stages: Callable[[BakeContext], Sequence[Stage]] = nothing_baked
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
+    knobs: Callable[[Scene], Sequence[Knob]] = no_knobs
     check: Callable[[Scene, Any], None] = no_check
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
     leaks: Callable[[Job, Scene], list[str]] = no_leaks

@@ -79,6 +79,8 @@ FILES = {
     "ray-budget": ("ray-budget.png", "ray-budget.svg", "ray-budget-samples.csv"),
     "light-field": ("light-field.png", "light-field.svg"),
     "convergence": ("convergence.png", "convergence-ms.png", "convergence-samples.csv"),
+    "equal-time": ("cornell-box-vega56.png",),
+    "equal-error": ("cornell-box-vega56.png",),
     "surfel-links": ("surfel-links.png", "surfel-links.svg"),
     "surfel-bands": (),
     "surfel-frame": (),

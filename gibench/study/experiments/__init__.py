@@ -6,6 +6,7 @@ from gibench.errors import BadInput
 from gibench.study.experiments import (
     convergence,
     defaults,
+    equal,
     frame_times,
     interpolation,
     light_field,
@@ -39,6 +40,8 @@ EXPERIMENTS = {
         surfel_failures.FAILURES,
         light_field.EXPERIMENT,
         defaults.EXPERIMENT,
+        equal.EQUAL_TIME,
+        equal.EQUAL_ERROR,
     )
 }
 

@@ -49,6 +49,7 @@ class Context:
         resolution: of the camera image instead of the experiment's own, or None.
         target_error: of references.
         reference_paths: of references at most; None for as many as the target error takes.
+        target: what is to be the same, where an experiment has that; None for its own.
     """
 
     profiles: tuple[DeviceProfile, ...]
@@ -60,6 +61,7 @@ class Context:
     resolution: tuple[int, int] | None = None
     target_error: float = 0.02
     reference_paths: int | None = None
+    target: float | None = None
 
     @property
     def transport(self) -> dict[str, str]:
@@ -190,6 +192,7 @@ class Experiment:
             and times are left blank then.
         truth: traces what a point's job is compared with, ahead of points that are sent elsewhere,
             and tells its key in the store.
+        target: what ``--target`` is of; empty where it has none.
     """
 
     name: str
@@ -205,6 +208,7 @@ class Experiment:
     summarize: Summarize | None = field(default=None, repr=False)
     timed: bool = True
     truth: Callable[[Context, Job], str] | None = field(default=None, repr=False)
+    target: str = ""
 
 
 def run_experiment(

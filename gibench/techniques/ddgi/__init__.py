@@ -19,7 +19,15 @@ from gibench.techniques.job import Known
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.probe_volume import Volume
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Follows, TechniqueSpec
+from gibench.techniques.registry import (
+    PUBLISHED,
+    TUNED,
+    BakeContext,
+    Follows,
+    Knob,
+    TechniqueSpec,
+    steps,
+)
 from gibench.work import Worker
 
 __all__ = ["SPEC", "Ddgi", "DdgiSettings", "Volume"]
@@ -67,6 +75,13 @@ def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
     return {"rays": (64, 256), "probes": (probes // 2, probes)}
 
 
+def _knobs(scene: Scene) -> tuple[Knob, ...]:
+    fewer, probes = _sweep(scene)["probes"]
+    return Knob("rays", steps(48, 2048, 25, whole=True)), Knob(
+        "probes", (fewer, probes, 2 * probes)
+    )
+
+
 SPEC = TechniqueSpec(
     name="ddgi",
     title="Probe volumes (DDGI)",
@@ -77,6 +92,7 @@ SPEC = TechniqueSpec(
     buffers=_buffers,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
     sweep=_sweep,
+    knobs=_knobs,
     check=_check,
     remarks=remarks,
     leaks=leaks,

@@ -6,13 +6,25 @@ from gibench.scene.model import Scene
 from gibench.techniques.gibs.remarks import leaks, remarks
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.technique import Gibs, buffers
-from gibench.techniques.registry import PUBLISHED, TUNED, Follows, TechniqueSpec, Wakes
+from gibench.techniques.registry import (
+    PUBLISHED,
+    TUNED,
+    Follows,
+    Knob,
+    TechniqueSpec,
+    Wakes,
+    steps,
+)
 
 __all__ = ["SPEC", "Gibs", "GibsSettings"]
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[float, ...]]:
     return {"rays_per_surfel": (1.0, 4.0)}
+
+
+def _knobs(scene: Scene) -> tuple[Knob, ...]:
+    return Knob("rays_per_surfel", steps(0.25, 16.0, 27)), Knob("radius_share", (0.05, 0.03, 0.02))
 
 
 SPEC = TechniqueSpec(
@@ -27,6 +39,7 @@ SPEC = TechniqueSpec(
     woken_by=frozenset({Wakes.CAMERA, Wakes.OBJECTS}),
     memory_options=("--set gibs.surfels", "--resolution"),
     sweep=_sweep,
+    knobs=_knobs,
     remarks=remarks,
     leaks=leaks,
     counts={"surfels": "surfel_capacity"},

@@ -8,7 +8,12 @@ from gibench.techniques.irradiance_probes.settings import IrradianceProbeSetting
 from gibench.techniques.irradiance_probes.technique import IrradianceProbes
 from gibench.techniques.job import Job
 from gibench.techniques.parts.captured_probes.stages import Asked, probe_stages
-from gibench.techniques.parts.captured_probes.technique import check_volume, declared, probe_sweep
+from gibench.techniques.parts.captured_probes.technique import (
+    check_volume,
+    declared,
+    probe_knobs,
+    probe_sweep,
+)
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
 
@@ -44,6 +49,7 @@ SPEC = TechniqueSpec(
     create=IrradianceProbes,
     buffers=declared,
     sweep=probe_sweep,
+    knobs=probe_knobs,
     check=check_volume,
     leaks=_leaks,
     memory_options=("--probes", "--set irradiance-probes.map_texels", "--resolution"),

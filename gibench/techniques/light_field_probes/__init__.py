@@ -10,7 +10,12 @@ from gibench.techniques.job import Job
 from gibench.techniques.light_field_probes.settings import LightFieldProbeSettings
 from gibench.techniques.light_field_probes.technique import LightFieldProbes
 from gibench.techniques.parts.captured_probes.stages import Asked, probe_stages
-from gibench.techniques.parts.captured_probes.technique import check_volume, declared, probe_sweep
+from gibench.techniques.parts.captured_probes.technique import (
+    check_volume,
+    declared,
+    probe_knobs,
+    probe_sweep,
+)
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
 
@@ -57,6 +62,7 @@ SPEC = TechniqueSpec(
     create=LightFieldProbes,
     buffers=declared,
     sweep=probe_sweep,
+    knobs=probe_knobs,
     check=check_volume,
     leaks=_leaks,
     memory_options=("--probes", "--set light-field-probes.map_texels", "--resolution"),

@@ -14,7 +14,7 @@ from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.gloss_table import GlossTable
 from gibench.techniques.parts.normal_map_table import NormalMapTable
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec
+from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Knob, TechniqueSpec
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
 from gibench.techniques.srp.bake.settings import USUAL_ORDERS
 from gibench.techniques.srp.common import FRAME_STATE, TransportSizes
@@ -98,6 +98,13 @@ def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
     return {"sh_order": (2, 4, 7), "probes": (max(1, probes // 2), probes)}
 
 
+def _knobs(scene: Scene) -> tuple[Knob, ...]:
+    probes = scene.probes.count
+    return Knob("sh_order", tuple(range(8))), Knob(
+        "probes", (max(1, probes // 2), probes, 2 * probes)
+    )
+
+
 SPEC = TechniqueSpec(
     name="srp",
     title="Sparse Radiance Probes",
@@ -107,6 +114,7 @@ SPEC = TechniqueSpec(
     create=Srp,
     buffers=_buffers,
     sweep=_sweep,
+    knobs=_knobs,
     remarks=remarks,
     counts={"probes": "probes"},
 )

@@ -18,8 +18,10 @@ from gibench.techniques.registry import (
     TUNED,
     BakeContext,
     Follows,
+    Knob,
     TechniqueSpec,
     Wakes,
+    steps,
 )
 from gibench.techniques.surfel_cache.bake.stages import Given, surfel_cache_stages, volume_of
 from gibench.techniques.surfel_cache.pack import Sizes
@@ -62,6 +64,10 @@ def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
     return {"links": (32, 128), "sh_bands": (2, 3)}
 
 
+def _knobs(scene: Scene) -> tuple[Knob, ...]:
+    return Knob("links", steps(8, 254, 23, whole=True)), Knob("sh_bands", (2, 3))
+
+
 SPEC = TechniqueSpec(
     name="surfel-cache",
     long_bake=True,
@@ -74,6 +80,7 @@ SPEC = TechniqueSpec(
     buffers=_buffers,
     follows=frozenset({Follows.DIRECT_LIGHT}),
     sweep=_sweep,
+    knobs=_knobs,
     check=_check,
     counts={"caches": "caches"},
     memory_options=(

@@ -18,7 +18,7 @@ from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.standing_light import StandingLight
-from gibench.techniques.registry import TUNED
+from gibench.techniques.registry import TUNED, Knob, steps
 from gibench.techniques.technique import FloatArray, Pass
 
 REST_CHANGE = 0.005
@@ -38,6 +38,11 @@ def check_volume(scene: Scene, settings: CapturedProbeSettings) -> None:
 def probe_sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
     """What 'gibench advise' tries: few probes and many, coarse maps and finer ones."""
     return {"probes": (16, 64), "map_texels": (16, 64)}
+
+
+def probe_knobs(scene: Scene) -> tuple[Knob, ...]:
+    """What trades their cost for quality: probes, and how finely each is seen."""
+    return Knob("probes", steps(2, 128, 27, whole=True)), Knob("map_texels", (16, 64))
 
 
 def declared(known: Known) -> list[BufferSpec]:
