@@ -1,5 +1,7 @@
 // Where surfels' rays hit bare surface: what tracing leaves for placement. Of the rays that do so in
-// a cell of the grid one is taken, chosen at random, whatever order they ran in. Ours.
+// a cell of the grid one is taken, chosen at random, whatever order they ran in. Rays shorter than
+// their surfel's radius are passed over: in a crack depth tests leave no surfel more than the crack's
+// width to cover, and no number of them fills it. Ours.
 #ifndef GIBENCH_GIBS_BARE
 #define GIBENCH_GIBS_BARE
 

@@ -152,7 +152,8 @@ __kernel void trace_rays(__global const uint *frame, __global const uint *alive_
                                                     s.geometric_normal);
             radiance = with_reflected(s.emission, s.albedo, direct + g.irradiance);
 #if BY_RAYS
-            if (coverage_steps(g.coverage) < bare) {
+            // Not in a crack, where surfels see no further than across it and cover nothing.
+            if (coverage_steps(g.coverage) < bare && hit.t > radii[id]) {
                 ray_hit[ray] = (float4)(as_float(hit.triangle), hit.u, hit.v, 0.0f);
                 atomic_min(cell_ray + grid_cell(grid, s.position), ray_key(frame, ray));
             }

@@ -69,7 +69,7 @@ class GibsSettings:
         0.1, "a surface that rays hit is bare where coverage is less; more fills sooner, dearer"
     )
     bare_chance: float = _setting(
-        0.3, "chance that a cell of the grid places on a bare surface that rays hit in it"
+        1.0, "chance that a cell of the grid places on a bare surface that rays hit in it"
     )
     placement_chance: float = _setting(0.08, "chance that a tile places; more overlap, sooner full")
     recycle_chance: float = _setting(0.05, "chance per frame that recycling looks at a surfel")

@@ -68,6 +68,8 @@ def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
         frames.enqueue(name)
     keys = read(s.cell_ray)
     bare = np.flatnonzero(~np.isnan(read(s.ray_hit)[:, 1]))
+    far, owner = read(s.ray_light)[bare, 3], read(s.ray_owner)[bare]
+    assert (far > read(s.geometry.radii)[owner]).all()  # shorter ones are passed over
     points, objects = hits_of(technique, scene, bare)
     mask = pcg3d(seed, 3, 0xBA4E)[0]
     own = np.array([(int(ray) ^ mask) * FACTOR % 2**32 for ray in bare], np.uint64)

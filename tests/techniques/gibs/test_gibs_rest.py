@@ -54,10 +54,12 @@ def test_it_rests_with_the_picture_covered_and_its_surfels_there(variant):
 
 
 def test_it_rests_where_rays_place_surfels_too():
-    """They grow on for long, ever slower: by less than 0.5 % in 32 frames, 4 % in 120 at most."""
+    """They grow ever slower: by less than 0.5 % in 32 frames, 4 % in 120 at most. Its boxes stand a
+    millimetre over the floor, where no number of surfels would cover anything.
+    """
     technique = gibs(furnished(), **{**QUICK, "placement": "rays"})
     frames = Frames(technique)
-    assert frames_to_rest(technique, frames, most=800) is not None
+    assert frames_to_rest(technique, frames, most=400) is not None
     assert covered(technique) >= 0.999
     alive = technique.life()["alive"]
     frames.run(120)
