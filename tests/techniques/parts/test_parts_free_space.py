@@ -132,4 +132,5 @@ def test_remarks_name_the_setting_that_ends_them():
     for technique in ("ddgi", "gibs", "srp"):
         (lamp,) = told(build("big-hall"), technique)
         assert "emitting surfaces" in lamp and "point lights" in lamp
+        assert ("relight_samples=" in lamp and "for the mean" in lamp) == (technique == "srp")
     assert told(maze, "srp") == told(maze, "direct") == []
