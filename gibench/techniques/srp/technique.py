@@ -147,9 +147,12 @@ class Srp:
         }
 
     def notes(self) -> list[str]:
-        """How well the probes cover the receivers."""
+        """How well the probes cover the receivers, and what of the settings the scene lacks."""
         bake = self._bake
-        return [
+        found = [
             f"{100 * bake.usable_share:.2f} % of the receivers lie within a probe that they can "
             f"use; {bake.overlap:.1f} probes reach a receiver on average"
         ]
+        if self._settings.normal_maps and self._world.scene.normal_maps is None:
+            found.append("the scene has no normal maps to shade with")
+        return found

@@ -57,6 +57,8 @@ def test_without_maps_nothing_differs(variant):
     asked = create(bake, scene, lightmap, variant, 64, {"normal_maps": True})
     plain = create(bake, scene, lightmap, variant, 64)
     assert asked._application.program == plain._application.program
+    assert asked.notes()[1:] == ["the scene has no normal maps to shade with"]
+    assert len(plain.notes()) == 1
 
 
 def test_scalar_light_knows_no_other_normal():
