@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Device
+from gibench.device import LAYOUTS, Device, Layout
 from gibench.techniques.parts.camera_pass import camera_launch
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run
 from gibench.techniques.parts.conformance.shading import direct_irradiance, render
@@ -110,10 +110,10 @@ def _waves(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]
         yield off(device.read(prefix), _sums(values)[:-1])
 
 
-def _blocks(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
+def _blocks(bench: Bench, rng: np.random.Generator, size: int, layout: Layout) -> Iterator[float]:
     """Prefix sums by blocks, of fewer values than there is room for."""
     for length in (1, 33, 257, 4097):
-        device, values = bench.open(), rng.integers(0, 4000, length, dtype=np.uint32)
+        device, values = bench.open(layout=layout), rng.integers(0, 4000, length, dtype=np.uint32)
         room = np.full(length + 50, 0xFFFFFFFF, np.uint32)
         room[:length] = values
         yield off(_block_sums(device, room, length, size), _sums(values))
@@ -155,9 +155,14 @@ CASES = [
         _waves,
         (7, 24, 64, 100),
     ),
-    Case(
-        "Prefix sums by blocks",
-        tuple(f"parts/scan.cl:{name}" for name in ("scan_block_sums", "scan_sums", "scan_blocks")),
-        _blocks,
+    *(
+        Case(
+            f"Prefix sums by blocks ({layout})",
+            tuple(
+                f"parts/scan.cl:{name}" for name in ("scan_block_sums", "scan_sums", "scan_blocks")
+            ),
+            partial(_blocks, layout=layout),
+        )
+        for layout in LAYOUTS
     ),
 ]

@@ -1,7 +1,7 @@
 """The opened device: programs, budgeted buffers, launches, event clock."""
 
 from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
-from gibench.device.build import SIMT, WIDE, Define, Layout, build_program, vector_width
+from gibench.device.build import LAYOUTS, SIMT, WIDE, Define, Layout, build_program, vector_width
 from gibench.device.counting import RayCounts, count_rays
 from gibench.device.device import Device
 from gibench.device.launch import (
@@ -26,6 +26,7 @@ from gibench.device.selection import list_devices
 from gibench.device.source import kernel_source
 
 __all__ = [
+    "LAYOUTS",
     "SIMT",
     "WIDE",
     "Access",

@@ -21,6 +21,7 @@ time wants."""
 SIMT: Final = "simt"
 """Scalars, neighbouring work-items on neighbouring addresses: what runs in lockstep, on a GPU or
 where a CPU's compiler makes vectors of work-items."""
+LAYOUTS: Final[tuple[Layout, ...]] = (WIDE, SIMT)
 LEAST_WIDE: Final = 4
 """Floats per vector from which a device is taken to prefer explicit ones."""
 _MOST_WIDE = 16

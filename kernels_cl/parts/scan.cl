@@ -22,6 +22,13 @@
 // Values per work-item of the blocked scan.
 #define SCAN_ITEMS 16
 
+// Values per work-item that lie in local memory at once in the layout `simt`, a divisor of SCAN_ITEMS:
+// neighbouring work-items fetch and store neighbouring values, and each adds up its own from there.
+// 0: every work-item reads its own from global memory.
+#ifndef STAGED
+#define STAGED 0
+#endif
+
 // scan_waves: one work-item per value.
 //   prefix[i] = sum of the values before i in the same wave; totals[w] = sum of wave w.
 // WaveActivePrefixSum stands for itself as log2(WAVE) steps in local memory: OpenCL 1.2 has no
@@ -86,13 +93,27 @@ inline uint scan_item_sum(__global const uint *values, uint first, uint n)
     return sum;
 }
 
+// The sum of a share of the block's values, neighbours' work-items' beside each other.
+inline uint scan_share_sum(__global const uint *values, uint block, uint n)
+{
+    const uint size = get_local_size(0), end = min(block + size * SCAN_ITEMS, n);
+    uint sum = 0;
+    for (uint i = block + get_local_id(0); i < end; i += size)
+        sum += values[i];
+    return sum;
+}
+
 // scan_block_sums: one work-group per block of local size * SCAN_ITEMS values; sums[b] = block b's.
 __kernel void scan_block_sums(__global const uint *values, __global const uint *length,
                               __global uint *sums, __local uint *partial)
 {
     const int item = get_local_id(0), size = get_local_size(0);
-    const uint first = get_global_id(0) * SCAN_ITEMS;
-    const uint sum = scan_group(scan_item_sum(values, first, length[0]), partial);
+#if STAGED
+    const uint own = scan_share_sum(values, get_group_id(0) * size * SCAN_ITEMS, length[0]);
+#else
+    const uint own = scan_item_sum(values, get_global_id(0) * SCAN_ITEMS, length[0]);
+#endif
+    const uint sum = scan_group(own, partial);
     if (item == size - 1)
         sums[get_group_id(0)] = sum;
 }
@@ -119,12 +140,51 @@ __kernel void scan_sums(__global uint *sums, __global const uint *length, __loca
     }
 }
 
+// A word is left free behind every work-item's values, so that no two of a SIMD group that are at the
+// same one of theirs are on one bank.
+#define STAGED_AT(i) ((i) + (i) / STAGED)
+
 // scan_blocks: one work-group per block; prefix[i] = sum of all values before i, for i in [0, n]:
-// prefix has n + 1 words, the last one is the total.
+// prefix has n + 1 words, the last one is the total. partial: 2 * local size words and, STAGED,
+// STAGED + 1 more per work-item.
 __kernel void scan_blocks(__global const uint *values, __global const uint *length,
                           __global const uint *sums, __global uint *prefix, __local uint *partial)
 {
     const uint n = length[0];
+#if STAGED
+    const uint item = get_local_id(0), size = get_local_size(0);
+    const uint block = get_group_id(0) * size * SCAN_ITEMS;
+    __local uint *staged = partial + 2 * size;
+    __local uint *own = staged + item * (STAGED + 1);
+    uint carry = sums[get_group_id(0)];
+    for (int turn = 0; turn < SCAN_ITEMS / STAGED; ++turn) {
+        const uint first = block + turn * size * STAGED;
+        for (uint i = item; i < size * STAGED; i += size)
+            staged[STAGED_AT(i)] = first + i < n ? values[first + i] : 0;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        uint sum = 0;
+        for (int i = 0; i < STAGED; ++i)
+            sum += own[i];
+        const uint inclusive = scan_group(sum, partial);
+        uint running = carry + inclusive - sum;
+        for (int i = 0; i < STAGED; ++i) {
+            const uint value = own[i];
+            own[i] = running;
+            running += value;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (item == size - 1)
+            partial[0] = running;
+        for (uint i = item; i < size * STAGED; i += size)
+            if (first + i < n)
+                prefix[first + i] = staged[STAGED_AT(i)];
+        barrier(CLK_LOCAL_MEM_FENCE);
+        carry = partial[0];
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    if (item == 0 && block < n && n - block <= size * SCAN_ITEMS)
+        prefix[n] = carry;
+#else
     const uint first = get_global_id(0) * SCAN_ITEMS;
     const uint own = scan_item_sum(values, first, n);
     uint running = sums[get_group_id(0)] + scan_group(own, partial) - own;
@@ -136,6 +196,7 @@ __kernel void scan_blocks(__global const uint *values, __global const uint *leng
     }
     if (first < n && end == n)
         prefix[n] = running;
+#endif
 }
 
 #endif

@@ -40,7 +40,7 @@ from gibench.techniques.registry import techniques
 
 sys.path.insert(0, str(SCRIPTS))
 
-from cases import Case
+from cases import WITH_A_LAYOUT, Case
 from run_case import bake
 
 pytestmark = [pytest.mark.oclgrind, needs_oclgrind]
@@ -74,9 +74,6 @@ OTHER_SETTINGS: list[tuple[str, dict[str, Any]]] = [
 # Passes of scenes in which something moves, declared once for all techniques.
 MOVING = {"move_vertices", "refit_leaves", "refit_nodes"}
 CLOSE = 0.1
-# Techniques with kernels of their own in the layout ``simt``; the others' are those of ``tuned``
-# compiled for scalars, which is what is counted.
-WITH_A_LAYOUT = ("srp",)
 TECHNIQUES = Path(gibench.techniques.__file__).parent
 
 

@@ -64,6 +64,10 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
     "light-field-probes": [{"storage": "fp32", "bounces": "1"}, {"update": "static"}],
 }
 
+# Techniques with kernels of their own in the layout ``simt``; the others' are those of ``tuned``
+# compiled for scalars, which is among their sizes.
+WITH_A_LAYOUT = ("srp", "ddgi", "gibs")
+
 BAKES = [
     Case("bake", 1, 16, "srp"),
     Case("bake", 1, 1, "srp", settings={"interpolation": "visibility"}),
@@ -93,14 +97,9 @@ def frames(every: bool) -> list[Case]:
                 for sizes, settings in (pairs if every else together)
                 if not (every and (sizes, settings) in together)
             ]
-            if variant == TUNED:
-                sizes_of_simt = [16] if every else [7, 64]
-                found += [
-                    Case("frames", size, 1, spec.name, variant, settings, SIMT)
-                    for size, settings in zip(
-                        sizes_of_simt, choices[:: 1 if every else -1], strict=False
-                    )
-                ]
+            if variant == TUNED and spec.name in WITH_A_LAYOUT:
+                of_simt = choices[:-1] if every else choices[-1:]
+                found += [Case("frames", 7, 1, spec.name, variant, s, SIMT) for s in of_simt]
     return found
 
 

@@ -9,7 +9,7 @@ from dataclasses import fields, replace
 from itertools import product
 from typing import Any, Literal
 
-from gibench.device import SIMT, WIDE, Layout
+from gibench.device import LAYOUTS, SIMT, Layout
 from gibench.device.build import preferred_layout
 from gibench.errors import BadInput, CannotRun
 from gibench.profiles import DeviceProfile
@@ -17,7 +17,6 @@ from gibench.techniques.job import AUTO, Job, Shot
 from gibench.techniques.registry import PUBLISHED, TUNED, TechniqueSpec, axis_title, declared_axes
 
 VARIANTS = (PUBLISHED, TUNED)
-LAYOUTS: tuple[Layout, ...] = (WIDE, SIMT)
 
 Settings = Mapping[str, Mapping[str, Sequence[Any]]]
 """Values by technique and setting: typed, or text as on the command line; several make an axis."""

@@ -147,7 +147,7 @@ class Tuned:
         return [
             self._weights("irradiance", side, False, 0.0),
             Launch(self._program(), "backface_counts", backs, items=p.volume.probes),
-            Launch(self._program(), "blend_irradiance", args, items=self._items(side)),
+            self._product("blend_irradiance", args, side),
         ]
 
     def distance(self) -> Sequence[Launch]:
@@ -162,7 +162,7 @@ class Tuned:
         )
         return [
             self._weights("distance", s.distance_texels, True, least_cosine(s)),
-            Launch(self._program(), "blend_distance", args, items=self._items(s.distance_texels)),
+            self._product("blend_distance", args, s.distance_texels),
         ]
 
     def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
@@ -186,8 +186,9 @@ class Tuned:
             reads("list_weights", weights),
         )
 
-    def _items(self, side: int) -> int:
-        return -(-self.probes.volume.probes // self.lanes) * (self.lanes // self.width) * side**2
+    def _product(self, kernel: str, args: tuple[Argument, ...], side: int) -> Launch:
+        vectors = -(-self.probes.volume.probes // self.lanes) * (self.lanes // self.width)
+        return Launch(self._program(), kernel, args, items=vectors * side**2)
 
     def _program(self) -> ProgramSpec:
         defines = {**self.probes.defines(self.lanes), "VEC": self.width}

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.device import SIMT, WIDE, Layout
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.ddgi import SPEC
 from gibench.techniques.ddgi.conform_oracle import (
@@ -46,13 +47,14 @@ def _made(
     size: int,
     variant: str = "tuned",
     local_memory: int = 16384,
+    layout: Layout | None = None,
     **settings: Any,
 ) -> Any:
     scene = random_scene(rng, 80)
     chosen = SPEC.settings({**SMALL, **settings})
     lightmap = random_lightmap(rng, scene, 300, 20, 20)
     volume = SPEC.bake(BakeContext(scene, lightmap, chosen, Path()))
-    device = bench.open(local_memory)
+    device = bench.open(local_memory, layout)
     return created(SPEC, device, scene, lightmap, chosen, volume, variant, size)
 
 
@@ -154,10 +156,17 @@ def store_rays(technique: Any, s: State, radiance: Array, distance: Array) -> No
     technique.device.write(technique.blending.rays, packed)
 
 
-def _blend(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> Iterator[float]:
+def _blend(
+    bench: Bench,
+    rng: np.random.Generator,
+    size: int,
+    variant: str,
+    layout: Layout | None = None,
+) -> Iterator[float]:
     """Moving averages of irradiance and of distance."""
     # 700 bytes of local memory hold 25 of 41 rays for irradiance, 43 for distance.
-    technique = _made(bench, rng, size, variant, 700, storage="fp32")
+    local_memory = 16384 if layout == SIMT else 700
+    technique = _made(bench, rng, size, variant, local_memory, layout, storage="fp32")
     randomise(technique, rng, states=(0, 1, 3, 3))
     technique.begin_frame(3)
     s, device, probes = state_of(technique), technique.device, technique.probes
@@ -248,6 +257,7 @@ def _gather(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float
     yield off(found[certain], expected[certain], 1e-3, 1e-5)
 
 
+_BLENDS: dict[Layout, str] = {WIDE: "tuned_blend", SIMT: "simt_blend"}
 CASES = [
     Case("DDGI's probe rays", ("ddgi/trace.cl:probe_trace",), _trace),
     *(
@@ -264,13 +274,19 @@ CASES = [
         ("ddgi/published_blend.cl:blend_irradiance", "ddgi/published_blend.cl:blend_distance"),
         partial(_blend, variant="published"),
     ),
-    Case(
-        "DDGI's blending (tuned)",
-        tuple(
-            f"ddgi/tuned_blend.cl:{name}"
-            for name in ("blend_weights", "backface_counts", "blend_irradiance", "blend_distance")
-        ),
-        partial(_blend, variant="tuned"),
+    *(
+        Case(
+            f"DDGI's blending ({layout})",
+            (
+                "ddgi/tuned_blend.cl:backface_counts",
+                *(
+                    f"ddgi/{file}.cl:{name}"
+                    for name in ("blend_weights", "blend_irradiance", "blend_distance")
+                ),
+            ),
+            partial(_blend, variant="tuned", layout=layout),
+        )
+        for layout, file in _BLENDS.items()
     ),
     Case("Borders of octahedral maps", ("parts/border_copy.cl:border_copy",), _borders),
     Case(

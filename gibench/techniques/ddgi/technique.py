@@ -6,12 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
-from gibench.device import Device, Launch
+from gibench.device import SIMT, Device, Launch
 from gibench.scene.model import Camera
 from gibench.techniques.ddgi.blending import Blending, Published, Tuned
 from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.probes import Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.ddgi.simt_blending import Simt
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
@@ -55,7 +56,8 @@ class Ddgi:
         self.scene = FrameScene.of(device, job.shot, world)
         self.probes = Probes.create(device, settings, volume, job.seed)
         tuned = job.variant == TUNED
-        self.blending: Blending = Tuned(self.probes) if tuned else Published(self.probes)
+        shape = (Simt if device.layout == SIMT else Tuned) if tuned else Published
+        self.blending: Blending = shape(self.probes)
         packets = tuned and suits_packets(device)
         self._variability = Steady(REST_FALL, rest_window(settings.hysteresis))
         self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size, packets)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibench.device import (
+    WIDE,
     Argument,
     Buffer,
     BufferSpec,
@@ -22,6 +23,8 @@ from gibench.device import (
 from gibench.errors import CannotRun
 
 SCAN_ITEMS = 16  # kernels_cl/parts/scan.cl
+_MOST_STAGED = 8
+"""Values per work-item in local memory at once: 11 KB of a group of 256."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,17 @@ class BlockScan:
         """Number of blocks that ``length`` values fall into."""
         return -(-length // (workgroup_size * SCAN_ITEMS))
 
+    def _staged(self) -> int:
+        """Values per work-item that lie in local memory at once: in the layout ``simt`` as many as
+        the profile has room for, none in ``wide``.
+        """
+        staged = 0 if self.device.layout == WIDE else _MOST_STAGED
+        while 4 * self.workgroup_size * (staged + 3) > self.device.profile.local_memory_bytes:
+            staged //= 2
+            if staged == 0:
+                break
+        return staged
+
     def launches(
         self, values: Buffer, length: Buffer, prefix: Buffer, count: int | Callable[[], int]
     ) -> list[Launch]:
@@ -181,8 +195,9 @@ class BlockScan:
             prefix: where to; the total stands behind the n prefixes.
             count: n as the host knows it, or a function that tells it before every frame.
         """
-        program = ProgramSpec("parts/scan.cl")
-        partial = local("partial", 8 * self.workgroup_size)
+        staged = self._staged()
+        program = ProgramSpec("parts/scan.cl", {"STAGED": staged} if staged else {})
+        partial = local("partial", 4 * self.workgroup_size * (2 + (staged + 1 if staged else 0)))
 
         def groups() -> int:
             return self.blocks(count() if callable(count) else count, self.workgroup_size)

@@ -1,5 +1,7 @@
 """Every pass of DDGI against float64 NumPy on random inputs, at several work-group sizes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyopencl as cl
 import pytest
@@ -22,13 +24,15 @@ from support.ddgi_oracle import (
     shade,
     state_of,
     surface,
+    texel_directions,
 )
 from support.pairwise import pairwise
 from support.shading_oracle import render
 from support.synthetic_bake import random_lightmap, random_scene, random_unit
 
-from gibench.device import kernel_source
+from gibench.device import SIMT, WIDE, kernel_source, local
 from gibench.rays.embree import EmbreeTracer
+from gibench.techniques.ddgi.blending import Tuned
 from gibench.techniques.ddgi.conform import rays_of, store_rays
 from gibench.techniques.parts.camera_table import camera_table
 
@@ -212,7 +216,7 @@ def test_probe_shade(scene, size, variant):
 
 
 @pytest.mark.parametrize(
-    ("more", "size", "variant"),
+    ("more", "size", "shape"),
     pairwise(
         [
             {},
@@ -221,14 +225,17 @@ def test_probe_shade(scene, size, variant):
             {"average": "encoded", "gamma": 2.5},
         ],
         SIZES,
-        VARIANTS,
+        ("published", WIDE, SIMT),
     ),
 )
-def test_blending(scene, size, variant, more):
+def test_blending(scene, size, shape, more):
     rng = np.random.default_rng(size)
-    # 700 bytes of local memory hold 25 of 41 rays for irradiance, 43 for distance.
     settings = {**SMALL, "storage": "fp32", **more}
-    technique = create(scene, settings, variant, local_memory=700)
+    if shape == "published":
+        # 700 bytes of local memory hold 25 of 41 rays for irradiance, 43 for distance.
+        technique = create(scene, settings, shape, local_memory=700)
+    else:  # blocks of 16 or 32 probes
+        technique = create(scene, settings, layout=shape, simd_width=1 if size % 32 else 32)
     randomise(technique, rng, states=(0, 1, 3, 3))
     technique.begin_frame(3)
     radiance, distance = random_rays(technique, rng)
@@ -257,6 +264,37 @@ def test_blending(scene, size, variant, more):
     distances = inner(device.read(probes.distance))
     expected = np.where(active[:, None, None], blended_distance(s, distance), inner(s.distance))
     np.testing.assert_allclose(distances, expected, rtol=5e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("size", [1, 7, 24, 64])
+@pytest.mark.parametrize("sharp", [False, True])
+def test_lists_of_rays_by_groups(rng, scene, sharp, size):
+    """Those that one work-item per texel makes, in the same order, whatever the group."""
+    technique = create(scene, SMALL, layout=SIMT)
+    technique.begin_frame(int(rng.integers(100)))
+    device, blending = technique.device, technique.blending
+    side, least = (7, 0.6) if sharp else (5, 0.0)
+    s, found = state_of(technique), []
+    names = ("lengths", "list_rays", "list_weights")
+    by_group = blending._weights("distance", side, sharp, least)
+    args = (*by_group.args[:-2], local("staged", 12 * size), local("partial", 8 * size))
+    alone = Tuned._weights(blending, "distance", side, sharp, least)
+    for launch in (replace(by_group, args=args, workgroup_size=size), alone):
+        held = {a.name: a.value for a in launch.args if a.name in names}
+        for buffer in held.values():
+            device.write(buffer, np.zeros(buffer.shape, buffer.dtype))
+        device.enqueue(launch, 64)
+        found.append([device.read(held[name])[: side**2] for name in names])
+    (lengths, rays, weights), (lengths_alone, rays_alone, weights_alone) = found
+    np.testing.assert_array_equal(lengths, lengths_alone)
+    np.testing.assert_array_equal(rays, rays_alone)
+    np.testing.assert_allclose(weights, weights_alone, rtol=1e-6)
+    cosine = texel_directions(side) @ s.directions[s.settings.fixed :].T
+    assert np.all(lengths % 4 == 0)
+    for texel, row in enumerate(cosine):
+        kept = set(rays[texel, : lengths[texel]][weights[texel, : lengths[texel]] > 0])
+        expected = set(np.flatnonzero(row > least))
+        assert kept ^ expected <= set(np.flatnonzero(np.abs(row - least) < 1e-6))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

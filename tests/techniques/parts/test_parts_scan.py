@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gibench.device import Device
+from gibench.device import SIMT, WIDE, Device
 from gibench.profiles import load_profile
 from gibench.techniques.parts.scan import BlockScan, WaveScan
 
@@ -47,9 +47,9 @@ def some_values(rng, length):
     return rng.integers(0, 4000, length, dtype=np.uint32)
 
 
-def device_of(simd_width):
+def device_of(simd_width, layout=None):
     profile = replace(load_profile("iphone7"), simd_width=simd_width, max_workgroup_size=4096)
-    return Device(profile)
+    return Device(profile, layout=layout)
 
 
 @pytest.mark.parametrize("length", LENGTHS)
@@ -62,15 +62,24 @@ def test_waves_scan_exactly(rng, length, simd, size):
 
 
 @pytest.mark.parametrize("length", LENGTHS)
-@pytest.mark.parametrize("size", [1, 3, 32, 96, 256, 1024])
-def test_blocks_scan_exactly(rng, length, size):
+@pytest.mark.parametrize(
+    ("size", "layout"),
+    [
+        *((size, WIDE) for size in (1, 3, 32, 96, 256, 1024)),
+        # 8, 4 and 1 values of a work-item in local memory at once.
+        *((size, SIMT) for size in (1, 7, 96, 256, 300, 1024)),
+    ],
+)
+def test_blocks_scan_exactly(rng, length, size, layout):
     values = some_values(rng, length)
-    np.testing.assert_array_equal(blocks(device_of(1), values, size), expected(values))
+    np.testing.assert_array_equal(blocks(device_of(1, layout), values, size), expected(values))
 
 
-def test_blocks_scan_fewer_than_there_is_room_for(rng):
+@pytest.mark.parametrize("layout", [WIDE, SIMT])
+def test_blocks_scan_fewer_than_there_is_room_for(rng, layout):
     values = some_values(rng, 5000)
-    np.testing.assert_array_equal(blocks(device_of(1), values, 64, capacity=9001), expected(values))
+    found = blocks(device_of(1, layout), values, 64, capacity=9001)
+    np.testing.assert_array_equal(found, expected(values))
 
 
 def test_sums_wrap_at_32_bits():

@@ -1,0 +1,174 @@
+// Blending of ddgi/tuned_blend.cl for devices that run work-items in lockstep.
+//
+// The lists of rays are the same. A texel's list is made by a work-group, which fetches and stores
+// what lies side by side. The products are made by groups of LANES probes by TEXELS texels:
+// neighbouring work-items are neighbouring probes, whose rays lie beside each other, and once they
+// have their sums they change places in local memory, so that neighbours then are neighbouring texels
+// of one map. Macros: LANES, TEXELS.
+#include "ddgi/rays.cl"
+#include "ddgi/texel.cl"
+#include "parts/scan.cl"
+
+#define LIST_STEP 4
+#define LIST_LENGTH ((BLENDED + LIST_STEP - 1) / LIST_STEP * LIST_STEP)
+
+// blend_weights: one work-group per texel.
+//   The rays whose cosine with the texel's direction is above `least`, in their order, and their
+//   weights: the cosine itself, or the power of it that distances are weighed by where `sharp`.
+// lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
+// staged: 3 floats per work-item. partial: 2 words per work-item.
+__kernel void blend_weights(__global const float *directions, int side, int sharp, float least,
+                            __global int *lengths, __global int *list_rays,
+                            __global float *list_weights, __local float *staged,
+                            __local uint *partial)
+{
+    const int item = get_local_id(0), size = get_local_size(0), texel = get_group_id(0);
+    const float3 towards = texel_direction(texel, side);
+    __global int *own_rays = list_rays + texel * LIST_LENGTH;
+    __global float *own_weights = list_weights + texel * LIST_LENGTH;
+    int length = 0;
+    for (int first = 0; first < BLENDED; first += size) {
+        const int count = min(size, BLENDED - first);
+        for (int i = item; i < 3 * count; i += size)
+            staged[i] = directions[3 * (FIXED + first) + i];
+        barrier(CLK_LOCAL_MEM_FENCE);
+        const int at = 3 * min(item, count - 1);
+        const float cosine = dot(towards, (float3)(staged[at], staged[at + 1], staged[at + 2]));
+        const bool counts = item < count && cosine > least;
+        const uint place = scan_group(counts ? 1u : 0u, partial);
+        if (counts) {
+            own_rays[length + place - 1] = first + item;
+            own_weights[length + place - 1] = sharp ? cosine_power(cosine) : cosine;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (item == size - 1)
+            partial[0] = place;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        length += partial[0];
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+    const int whole = (length + LIST_STEP - 1) / LIST_STEP * LIST_STEP;
+    for (int i = length + item; i < whole; i += size) {
+        own_rays[i] = 0;
+        own_weights[i] = 0.0f;
+    }
+    if (item == 0)
+        lengths[texel] = whole;
+}
+
+// Which texel and probe this work-item sums; false past the ends, and where the probe is not active.
+inline bool sums_for(__global const float4 *probe_data, int texels, int *probe, int *texel)
+{
+    const int item = get_local_id(0);
+    const int tiles = (texels + TEXELS - 1) / TEXELS;
+    *probe = (int)get_group_id(0) / tiles * LANES + item % LANES;
+    *texel = (int)get_group_id(0) % tiles * TEXELS + item / LANES;
+    return *texel < texels && *probe < PROBES && (probe_state(probe_data, *probe) & PROBE_ACTIVE);
+}
+
+// Which it writes, and where its sums lie in local memory: rows of LANES + 1, so that neighbours are
+// on different banks both ways.
+inline bool writes_for(__global const float4 *probe_data, int texels, int *probe, int *texel, int *at,
+                       bool *fresh)
+{
+    const int item = get_local_id(0);
+    const int tiles = (texels + TEXELS - 1) / TEXELS;
+    *probe = (int)get_group_id(0) / tiles * LANES + item / TEXELS;
+    *texel = (int)get_group_id(0) % tiles * TEXELS + item % TEXELS;
+    *at = item % TEXELS * (LANES + 1) + item / TEXELS;
+    if (*texel >= texels || *probe >= PROBES)
+        return false;
+    const int state = probe_state(probe_data, *probe);
+    *fresh = !(state & PROBE_BLENDED);
+    return state & PROBE_ACTIVE;
+}
+
+// The rows of a probe's rays.
+inline __global const float *ray_planes(__global const float *rays, int probe)
+{
+    return rays + (size_t)(probe / LANES) * BLENDED * (RAY_PLANES * LANES) + probe % LANES;
+}
+
+#define PLANE (TEXELS * (LANES + 1))
+
+// blend_irradiance: one work-group per LANES probes and TEXELS texels.
+// sums: local, 3 * PLANE floats.
+__kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
+                               __global const int *list_rays, __global const float *list_weights,
+                               __global const float *rays, __global const float *backs,
+                               __global const uint *frame_table, __global map_t *irradiance_maps,
+                               __global float *variability, __global int *accepted,
+                               __local float *sums)
+{
+    int probe, texel, at;
+    bool fresh;
+    if (sums_for(probe_data, IRRADIANCE_TEXELS, &probe, &texel)) {
+        __global const float *planes = ray_planes(rays, probe);
+        __global const int *own_rays = list_rays + texel * LIST_LENGTH;
+        __global const float *own_weights = list_weights + texel * LIST_LENGTH;
+        const int length = lengths[texel];
+        float red = 0.0f, green = 0.0f, blue = 0.0f, weights = 0.0f;
+        float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f, weights1 = 0.0f;
+        for (int i = 0; i < length; i += 2) {
+            __global const float *row = planes + own_rays[i] * (RAY_PLANES * LANES);
+            __global const float *row1 = planes + own_rays[i + 1] * (RAY_PLANES * LANES);
+            const float w = own_weights[i], w1 = own_weights[i + 1];
+            red += w * row[0];
+            green += w * row[LANES];
+            blue += w * row[2 * LANES];
+            weights += w * row[3 * LANES];
+            red1 += w1 * row1[0];
+            green1 += w1 * row1[LANES];
+            blue1 += w1 * row1[2 * LANES];
+            weights1 += w1 * row1[3 * LANES];
+        }
+        const float scale = 0.5f / fmax(weights + weights1, LEAST_WEIGHTS);
+        at = (int)get_local_id(0) / LANES * (LANES + 1) + probe % LANES;
+        sums[at] = sample_of((red + red1) * scale);
+        sums[PLANE + at] = sample_of((green + green1) * scale);
+        sums[2 * PLANE + at] = sample_of((blue + blue1) * scale);
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (writes_for(probe_data, IRRADIANCE_TEXELS, &probe, &texel, &at, &fresh))
+        update_irradiance(probe, texel, (float3)(sums[at], sums[PLANE + at], sums[2 * PLANE + at]),
+                          backs[probe], fresh, frame_table, irradiance_maps, variability, accepted);
+}
+
+// blend_distance: one work-group per LANES probes and TEXELS texels.
+// sums: local, 3 * PLANE floats.
+__kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
+                             __global const int *list_rays, __global const float *list_weights,
+                             __global const float *rays, __global const uint *frame_table,
+                             __global map_t *distance_maps, __local float *sums)
+{
+    int probe, texel, at;
+    bool fresh;
+    if (sums_for(probe_data, DISTANCE_TEXELS, &probe, &texel)) {
+        __global const float *planes = ray_planes(rays, probe) + 4 * LANES;
+        __global const int *own_rays = list_rays + texel * LIST_LENGTH;
+        __global const float *own_weights = list_weights + texel * LIST_LENGTH;
+        const int length = lengths[texel];
+        float mean[LIST_STEP], square[LIST_STEP], weights = 0.0f;
+#pragma unroll
+        for (int k = 0; k < LIST_STEP; ++k)
+            mean[k] = square[k] = 0.0f;
+        for (int i = 0; i < length; i += LIST_STEP) {
+#pragma unroll
+            for (int k = 0; k < LIST_STEP; ++k) {
+                __global const float *row = planes + own_rays[i + k] * (RAY_PLANES * LANES);
+                const float w = own_weights[i + k];
+                mean[k] += w * row[0];
+                square[k] += w * row[LANES];
+                weights += w;
+            }
+        }
+        at = (int)get_local_id(0) / LANES * (LANES + 1) + probe % LANES;
+        sums[at] = (mean[0] + mean[1]) + (mean[2] + mean[3]);
+        sums[PLANE + at] = (square[0] + square[1]) + (square[2] + square[3]);
+        sums[2 * PLANE + at] = weights;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (writes_for(probe_data, DISTANCE_TEXELS, &probe, &texel, &at, &fresh))
+        update_distance(probe, texel, (float2)(sums[at], sums[PLANE + at]), sums[2 * PLANE + at],
+                        fresh, frame_table, distance_maps);
+}
