@@ -25,6 +25,7 @@ from support.rays_oracle import (
 )
 from support.shading_oracle import open_device
 
+from gibench.conform.refit import bounds_beneath, vertex_bound
 from gibench.rays.bvh import build_bvh
 from gibench.rays.bvh_wide import WIDTH
 from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
@@ -60,40 +61,12 @@ def test_vertices_are_where_float64_puts_them(rng, size):
             shared.device.read(b) for b in (shared.surfaces.positions, shared.surfaces.normals)
         )
         expected, directions = moved_in(scene, motion, frame)
-        # Four products and sums of float32, of a transform that is rounded to it before.
-        m = np.abs(motion.transforms_in(frame)[objects])
-        bound = np.einsum("nij,nj->ni", m[:, :, :3], np.abs(scene.positions[vertices])) + m[..., 3]
-        off = np.abs(positions[vertices] - expected[vertices])
-        assert np.all(off <= 6 * ROUNDING * bound)
+        bound = vertex_bound(scene.positions[vertices], motion.transforms_in(frame)[objects])
+        assert np.all(np.abs(positions[vertices] - expected[vertices]) <= bound)
         assert np.abs(normals[vertices] - directions[vertices]).max() <= 6 * ROUNDING * 3**0.5
         # What rests is not touched.
         np.testing.assert_array_equal(positions[rest], scene.positions[rest])
         np.testing.assert_array_equal(normals[rest], scene.normals[rest])
-
-
-def bounds_beneath(bvh):
-    """Every child's bounds (w, WIDTH, 6) from the triangles beneath it, by visiting them all."""
-    blocks = bvh.blocks.reshape(-1, 10, WIDTH)
-    there = blocks[:, 9].view(np.int32) >= 0
-    corners = blocks[:, :9].reshape(-1, 3, 3, WIDTH)
-    missing = ~there[:, None, None]
-    low = np.where(missing, np.inf, corners).min(axis=(1, 3))
-    high = np.where(missing, -np.inf, corners).max(axis=(1, 3))
-    nodes = bvh.nodes.reshape(-1, 7, WIDTH)
-    child = nodes[:, 6].view(np.int32)
-    found = np.zeros((len(nodes), WIDTH, 6), np.float32)
-    found[..., 0::2], found[..., 1::2] = np.inf, -np.inf
-    for node in reversed(range(len(nodes))):  # breadth first: children come after their parents
-        for slot in np.flatnonzero(nodes[node, 0] < np.inf):
-            number = child[node, slot]
-            if number < 0:
-                part = slice(~number >> 2, (~number >> 2) + (~number & 3) + 1)
-                found[node, slot, 0::2] = low[part].min(axis=0)
-                found[node, slot, 1::2] = high[part].max(axis=0)
-            else:
-                found[node, slot, 0::2] = found[number, :, 0::2].min(axis=0)
-                found[node, slot, 1::2] = found[number, :, 1::2].max(axis=0)
-    return found.transpose(0, 2, 1)
 
 
 @pytest.mark.parametrize("size", SIZES)

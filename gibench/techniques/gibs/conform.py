@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.device import Define, Device, Launch, ProgramSpec, integer, reads, writes
+from gibench.device import Define, Device, Launch, ProgramSpec, integer, reads, updates, writes
 from gibench.techniques.gibs.conform_oracle import (
     STRETCH,
     Array,
@@ -17,6 +17,9 @@ from gibench.techniques.gibs.conform_oracle import (
     gathered,
     geometry,
     neighbour_lists,
+    random_rays,
+    requested,
+    updated,
 )
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run
 from gibench.techniques.parts.macros import SCENE_MACROS
@@ -92,8 +95,13 @@ def _gather(bench: Bench, rng: np.random.Generator, size: int, published: bool) 
     spec = ProgramSpec("gibs/application.cl", macros)
     args = [reads(name, value) for name, value in values.items() if value is not None]
     args += [integer("count", POINTS), writes("indirect", out)]
-    run(device, [Launch(spec, "gather_points", args, items=POINTS)], size)
-    radius, mean = device.read(surfels.radii), device.read(surfels.mean).T
+    launch = Launch(spec, "gather_points", args, items=POINTS)
+    # What the irradiance pass changes after the sort must be what is looked up.
+    mean = rng.random(surfels.mean.shape, np.float32)
+    device.write(surfels.mean, mean)
+    run(device, sorter.refresh_irradiance(), size)
+    run(device, [launch], size)
+    radius, mean = device.read(surfels.radii), mean.T
     p, m = (
         device.read(b).T.astype(np.float64) for b in (surfels.world_position, surfels.world_normal)
     )
@@ -106,6 +114,84 @@ def _gather(bench: Bench, rng: np.random.Generator, size: int, published: bool) 
     )
     yield at_least(float(np.mean(expected[:, 3] > 0.1)), 0.2)
     yield off(device.read(out), expected, absolute=2e-5)
+
+
+def _irradiance_program(surfels: int, floored: bool = True) -> ProgramSpec:
+    macros: dict[str, Define] = {**SCENE_MACROS, **UniformGrid.around(BOUNDS, 4).defines}
+    macros |= {"CAPACITY": surfels, "ENTRIES": 27 * surfels, "PUBLISHED": False, "VEC": 1}
+    macros |= {"ALL_NEIGHBOURS": False, "NORMAL_STRETCH": STRETCH, "DEPTH": True, "GUIDING": True}
+    return ProgramSpec("gibs/irradiance.cl", {**macros, "FLOORED": floored})
+
+
+def _requests(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
+    """Rays asked for, and the frame's shared out in proportion, exactly."""
+    device, n, rays, now = bench.open(), 313, 501, 101
+    estimator = rng.uniform(0, 6, (12, n)).astype(np.float32)
+    seen = rng.integers(now - 40, now + 1, n).astype(np.uint32)
+    asked = requested(estimator[10].astype(np.float64), now - seen.astype(np.int64))
+    ids = device.upload("ids", rng.permutation(n).astype(np.uint32))
+    frame = device.upload("frame", frame_words(n, frame=now, rays=rays))
+    requests = device.empty("requests", n, np.uint32)
+    args = (
+        reads("frame", frame),
+        reads("alive_ids", ids),
+        reads("estimator", device.upload("estimator", estimator)),
+        reads("seen", device.upload("seen", seen)),
+        writes("requests", requests),
+    )
+    program = _irradiance_program(n)
+    run(device, [Launch(program, "request_rays", args, items=n)], size)
+    order = device.read(ids)
+    expected, share = asked[order], estimator[10, order].astype(np.float64)
+    # What float32 may round across a whole number of units is left out.
+    units = 256 * np.where(now - seen[order].astype(np.int64) <= 16, 1, 0.25) * (0.125 + share)
+    certain = (np.abs(units - np.rint(units)) > 1e-3) | (share > 4)
+    yield at_least(float(certain.mean()), 0.9)
+    yield off(device.read(requests)[certain].astype(np.float64), expected[certain])
+    before = np.concatenate([[0], np.cumsum(expected)]).astype(np.uint32)
+    first, owner = device.empty("first", n + 1, np.uint32), device.empty("owner", rays, np.uint32)
+    shared = (
+        reads("frame", frame),
+        reads("before", device.upload("before", before)),
+        writes("ray_first", first),
+        writes("ray_owner", owner),
+    )
+    run(device, [Launch(program, "assign_rays", shared, items=n)], size)
+    got: Array = np.diff(device.read(first).astype(np.int64))
+    yield off(np.array(got.sum()), np.array(rays))
+    yield off(device.read(owner).astype(np.int64), np.repeat(np.arange(n), got))
+    yield off(got.astype(np.float64), expected * rays / expected.sum(), absolute=1.0)
+
+
+def _update(bench: Bench, rng: np.random.Generator, size: int, floored: bool) -> Iterator[float]:
+    """Surfels take in their rays: estimator, depth moments, guide."""
+    n, device = 37, bench.open()
+    rays, before = random_rays(rng, n, floored)
+    expected = updated(rays, before.estimator, before.moments, before.guides, floored)
+    estimator = device.upload("estimator", before.estimator)
+    moments = device.upload("moments", before.moments)
+    guides = device.upload("guides", before.guides)
+    nearest = device.empty("nearest", n, np.float32)
+    args = (
+        reads("frame", device.upload("frame", frame_words(n))),
+        reads("alive_ids", device.upload("ids", rays.ids)),
+        reads("ray_first", device.upload("first", rays.first)),
+        reads("ray_light", device.upload("light", rays.light)),
+        reads("ray_choice", device.upload("choice", rays.choice)),
+        reads("radii", device.upload("radii", rays.radii)),
+        updates("estimator", estimator),
+        updates("moments", moments),
+        writes("nearest", nearest),
+        updates("guides", guides),
+    )
+    program = _irradiance_program(n, floored)
+    run(device, [Launch(program, "update_surfels", args, items=n)], size)
+    # A step from m to a sample near 0 leaves the rounding of m, which is of order 1.
+    rounding = 4 * float(np.finfo(np.float32).eps)
+    yield off(device.read(estimator), expected.estimator, 2e-4, 1e-5)
+    yield off(device.read(moments), expected.moments, 1e-5, rounding)
+    yield off(device.read(guides), expected.guides, 1e-5, rounding)
+    yield off(device.read(nearest), expected.moments[:, :16].min(axis=1), 1e-5, rounding)
 
 
 def _coverage(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
@@ -142,7 +228,14 @@ def _coverage(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[flo
 
 _SORT = "parts/surfel_sort.cl"
 CASES = [
-    Case("Surfels sorted into cells (published)", (f"{_SORT}:transform_and_count",), _sorted),
+    Case(
+        "Surfels sorted into cells (published)",
+        tuple(
+            f"{_SORT}:{name}"
+            for name in ("clear_counts", "transform_and_count", "begin_lists", "finalise")
+        ),
+        _sorted,
+    ),
     Case(
         "GIBS's gather (published)",
         ("gibs/application.cl:gather_points", f"{_SORT}:finalise"),
@@ -151,9 +244,25 @@ CASES = [
     ),
     Case(
         "GIBS's gather (tuned)",
-        ("gibs/application.cl:gather_points", f"{_SORT}:sort_lists", f"{_SORT}:pack_lists"),
+        (
+            "gibs/application.cl:gather_points",
+            *(f"{_SORT}:{name}" for name in ("sort_lists", "pack_lists", "pack_irradiance")),
+        ),
         partial(_gather, published=False),
         (7, 64),
+    ),
+    Case(
+        "GIBS's rays asked for and shared out",
+        ("gibs/irradiance.cl:request_rays", "gibs/irradiance.cl:assign_rays"),
+        _requests,
+    ),
+    *(
+        Case(
+            f"GIBS's estimator ({'floored' if floored else 'as published'})",
+            ("gibs/irradiance.cl:update_surfels",),
+            partial(_update, floored=floored),
+        )
+        for floored in (True, False)
     ),
     Case("GIBS's coverage of tiles", ("gibs/life.cl:coverage",), _coverage),
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -154,3 +155,115 @@ def gathered(
     return np.append(
         (w[:, None] * irradiance).sum(0) / w.sum() if w.sum() else np.zeros(3), w.sum()
     )
+
+
+LUMA = np.array([0.299, 0.587, 0.114])
+VISIBLE_FRAMES = 16  # kernels_cl/gibs/irradiance.cl
+EstimatorState = tuple[Array, Array, Array, float, float, float]
+"""Mean, short mean and variance (3,), blend, inconsistency, rays."""
+
+
+def estimator_step(e: EstimatorState, y: Array, floored: bool) -> EstimatorState:
+    """One sample into the multi-scale mean estimator (Barre-Brisebois et al. 2019), float64.
+
+    Floored: no clamp, and each of the three means weighs a ray as much as four of those before at
+    least, and 1/256.
+    """
+    m, s, v, b, i, n = e
+    n = min(n + 1, 1021 if floored else 256)
+    least = 4 / (n + 3) if floored else 0
+    if floored and n == 1:
+        m = y
+    if not floored:
+        y = np.minimum(y, 0.1 + s + 8 * np.sqrt(np.maximum(1e-5, v)))
+    s2 = s + max(0.08, least) * (y - s)
+    v2 = v + max(0.04, least) * ((y - s) * (y - s2) - v)
+    sigma = np.sqrt(np.maximum(1e-5, v2))
+    r = LUMA @ np.abs((m - s2) / sigma)
+    i2 = i + 0.08 * (r - i)
+    x = np.clip(r * max(0.02, i2 - 0.2), 0, 1)
+    k = b * np.clip(x * x * (3 - 2 * x), 1 / 256, 1)
+    b2 = b + 0.1 * (np.clip(LUMA @ (0.5 * s2 / sigma), 1 / 32, 1) - b)
+    return m + max(k, least) * (y - m), s2, v2, float(b2), float(i2), n
+
+
+@dataclass(frozen=True)
+class Updated:
+    """Surfels once they have taken in a frame's rays, float64.
+
+    Attributes:
+        estimator: (12, n).
+        moments: (n, 48) mean depth, its square and counts of 16 texels.
+        guides: (n, 16).
+    """
+
+    estimator: Array
+    moments: Array
+    guides: Array
+
+
+@dataclass(frozen=True)
+class Rays:
+    """A frame's rays by surfel, in the order of ``ids``.
+
+    Attributes:
+        ids: (n,) surfels.
+        first: (n + 1,) each one's first ray.
+        light: (r, 4) radiance and distance.
+        choice: (r, 2) weight and texel.
+        radii: (n,) by surfel.
+    """
+
+    ids: Array
+    first: Array
+    light: Array
+    choice: Array
+    radii: Array
+
+
+def updated(rays: Rays, estimator: Array, moments: Array, guides: Array, floored: bool) -> Updated:
+    """What ``update_surfels`` makes of surfels and their rays."""
+    e64, m64, g64 = (a.astype(np.float64) for a in (estimator, moments, guides))
+    for place, surfel in enumerate(rays.ids):
+        row = e64[:, surfel]
+        e: EstimatorState = (row[0:3], row[3:6], row[6:9], row[9], row[10], row[11])
+        for ray in range(rays.first[place], rays.first[place + 1]):
+            weight, texel = np.float32(rays.choice[ray, 0]), int(rays.choice[ray, 1])
+            light = rays.light[ray, :3].astype(np.float64)
+            e = estimator_step(e, np.pi * weight * light, floored)
+            d = min(float(rays.light[ray, 3]), 2.0 * float(rays.radii[surfel]))
+            count = m64[surfel, 32 + texel] + 1
+            rate = max(1 / count, 0.05)
+            m64[surfel, texel] += rate * (d - m64[surfel, texel])
+            m64[surfel, 16 + texel] += rate * (d * d - m64[surfel, 16 + texel])
+            m64[surfel, 32 + texel] = min(count, 20)
+            g64[surfel, texel] += 0.1 * (LUMA @ rays.light[ray, :3] - g64[surfel, texel])
+        e64[:, surfel] = np.concatenate([*e[:3], e[3:]])
+    return Updated(e64, m64, g64)
+
+
+def random_rays(rng: np.random.Generator, n: int, floored: bool) -> tuple[Rays, Updated]:
+    """Rays of ``n`` surfels, and what these were before: all of it float32 but the counts."""
+    rays = rng.integers(0, 6, n)
+    first = np.concatenate([[0], np.cumsum(rays)]).astype(np.uint32)
+    total = int(first[-1])
+    light = rng.exponential(1.0, (total, 4)).astype(np.float32)
+    choice = np.stack([rng.uniform(0.5, 2, total), rng.integers(0, 16, total)], 1)
+    radii = rng.uniform(0.1, 1, n).astype(np.float32)
+    estimator = rng.uniform(0.05, 1, (12, n)).astype(np.float32)
+    most = [1019, 1020, 1021] if floored else []
+    estimator[11] = rng.choice([0, 1, 2, 40, 255, 256, *most], n)
+    moments = rng.uniform(0.1, 1, (n, 48)).astype(np.float32)
+    moments[:, 32:] = rng.integers(0, 21, (n, 16))
+    guides = rng.uniform(0, 1, (n, 16)).astype(np.float32)
+    ids = rng.permutation(n).astype(np.uint32)
+    taken = Rays(ids, first, light, choice.astype(np.float32), radii)
+    return taken, Updated(estimator, moments, guides)
+
+
+def requested(inconsistency: Array, unseen: Array) -> Array:
+    """Rays that surfels ask for, (n,) in 1/256: an eighth and their inconsistency, at most 4; a
+    quarter of it out of sight.
+    """
+    share = np.where(unseen <= VISIBLE_FRAMES, 1, 0.25) * (0.125 + np.minimum(inconsistency, 4))
+    return np.maximum(np.floor(256 * share), 1)

@@ -5,65 +5,32 @@ import pytest
 from support.gibs_surfels import any_size_device, defines, frame_words, run
 from support.launches import launch_of
 
-LUMA = np.array([0.299, 0.587, 0.114])
+from gibench.techniques.gibs.conform_oracle import random_rays, updated
+
 SIZES = (1, 24, 64, 256)
 
 
 # -- estimator --------------------------------------------------------------------------------
 
 
-def estimator_step(e, y, floored):
-    """FIELD-NOTES' formulas; e: mean, short mean, variance (3,), blend, inconsistency, rays.
-
-    Floored: no clamp, and each of the three means weighs a ray as much as four of those before at
-    least, and 1/256.
-    """
-    m, s, v, b, i, n = e
-    n = min(n + 1, 1021 if floored else 256)
-    least = 4 / (n + 3) if floored else 0
-    if floored and n == 1:
-        m = y
-    if not floored:
-        y = np.minimum(y, 0.1 + s + 8 * np.sqrt(np.maximum(1e-5, v)))
-    s2 = s + max(0.08, least) * (y - s)
-    v2 = v + max(0.04, least) * ((y - s) * (y - s2) - v)
-    sigma = np.sqrt(np.maximum(1e-5, v2))
-    r = LUMA @ np.abs((m - s2) / sigma)
-    i2 = i + 0.08 * (r - i)
-    x = np.clip(r * max(0.02, i2 - 0.2), 0, 1)
-    k = b * np.clip(x * x * (3 - 2 * x), 1 / 256, 1)
-    b2 = b + 0.1 * (np.clip(LUMA @ (0.5 * s2 / sigma), 1 / 32, 1) - b)
-    return m + max(k, least) * (y - m), s2, v2, b2, i2, n
-
-
 @pytest.mark.parametrize("floored", [True, False])
 @pytest.mark.parametrize("size", SIZES)
 def test_update_surfels_equals_numpy(rng, size, floored):
     n = 37
-    rays = rng.integers(0, 6, n)
-    first = np.concatenate([[0], np.cumsum(rays)]).astype(np.uint32)
-    total = int(first[-1])
-    ids = rng.permutation(n).astype(np.uint32)
-    light = rng.exponential(1.0, (total, 4)).astype(np.float32)
-    choice = np.stack([rng.uniform(0.5, 2, total), rng.integers(0, 16, total)], 1)
-    radii = rng.uniform(0.1, 1, n).astype(np.float32)
-    estimator = rng.uniform(0.05, 1, (12, n)).astype(np.float32)
-    estimator[11] = rng.choice([0, 1, 2, 40, 255, 256, *([1019, 1020, 1021] if floored else [])], n)
-    moments = rng.uniform(0.1, 1, (n, 48)).astype(np.float32)
-    moments[:, 32:] = rng.integers(0, 21, (n, 16))
-    guides = rng.uniform(0, 1, (n, 16)).astype(np.float32)
+    rays, before = random_rays(rng, n, floored)
+    arrays = (before.estimator, before.moments, before.guides)
 
     device = any_size_device()
     program = device.program("gibs/irradiance.cl", defines(n, FLOORED=floored))
-    state = [device.upload(f"s{k}", a) for k, a in enumerate((estimator, moments, guides))]
+    state = [device.upload(f"s{k}", a) for k, a in enumerate(arrays)]
     nearest = device.empty("nearest", n, np.float32)
     args = (
         device.upload("frame", frame_words(n)),
-        device.upload("ids", ids),
-        device.upload("first", first),
-        device.upload("light", light),
-        device.upload("choice", choice.astype(np.float32)),
-        device.upload("radii", radii),
+        device.upload("ids", rays.ids),
+        device.upload("first", rays.first),
+        device.upload("light", rays.light),
+        device.upload("choice", rays.choice),
+        device.upload("radii", rays.radii),
         state[0],
         state[1],
         nearest,
@@ -71,26 +38,15 @@ def test_update_surfels_equals_numpy(rng, size, floored):
     )
     run(device, [launch_of(program, "update_surfels", args, items=n)], size)
 
-    e64, m64, g64 = (a.astype(np.float64) for a in (estimator, moments, guides))
-    for place, surfel in enumerate(ids):
-        e = (e64[0:3, surfel], e64[3:6, surfel], e64[6:9, surfel], *e64[9:, surfel])
-        for ray in range(first[place], first[place + 1]):
-            weight, texel = np.float32(choice[ray, 0]), int(choice[ray, 1])
-            e = estimator_step(e, np.pi * weight * light[ray, :3].astype(np.float64), floored)
-            d = min(float(light[ray, 3]), 2.0 * float(radii[surfel]))
-            count = m64[surfel, 32 + texel] + 1
-            rate = max(1 / count, 0.05)
-            m64[surfel, texel] += rate * (d - m64[surfel, texel])
-            m64[surfel, 16 + texel] += rate * (d * d - m64[surfel, 16 + texel])
-            m64[surfel, 32 + texel] = min(count, 20)
-            g64[surfel, texel] += 0.1 * (LUMA @ light[ray, :3] - g64[surfel, texel])
-        e64[:, surfel] = np.concatenate([*e[:3], e[3:]])
-    np.testing.assert_allclose(device.read(state[0]), e64, rtol=2e-4, atol=1e-5)
+    expected = updated(rays, *arrays, floored)
+    np.testing.assert_allclose(device.read(state[0]), expected.estimator, rtol=2e-4, atol=1e-5)
     # A step from m to a sample near 0 leaves the rounding of m, which is of order 1.
     rounding = 4 * np.finfo(np.float32).eps
-    np.testing.assert_allclose(device.read(state[1]), m64, rtol=1e-5, atol=rounding)
-    np.testing.assert_allclose(device.read(state[2]), g64, rtol=1e-5, atol=rounding)
-    np.testing.assert_allclose(device.read(nearest), m64[:, :16].min(1), rtol=1e-5, atol=rounding)
+    np.testing.assert_allclose(device.read(state[1]), expected.moments, rtol=1e-5, atol=rounding)
+    np.testing.assert_allclose(device.read(state[2]), expected.guides, rtol=1e-5, atol=rounding)
+    np.testing.assert_allclose(
+        device.read(nearest), expected.moments[:, :16].min(1), rtol=1e-5, atol=rounding
+    )
 
 
 def few_bright_rays(n, rays, share, rng):
