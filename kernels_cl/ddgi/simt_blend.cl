@@ -66,8 +66,11 @@ inline bool sums_for(__global const float4 *probe_data, int texels, int *probe, 
     return *texel < texels && *probe < PROBES && (probe_state(probe_data, *probe) & PROBE_ACTIVE);
 }
 
-// Which it writes, and where its sums lie in local memory: rows of LANES + 1, so that neighbours are
-// on different banks both ways.
+// Sums lie in local memory in rows of SUM_ROW, a probe beside the other: neighbours that read TEXELS
+// rows in turns are on different ones of 32 banks.
+#define SUM_ROW (LANES + 32 / TEXELS)
+
+// Which it writes, and where its sums lie.
 inline bool writes_for(__global const float4 *probe_data, int texels, int *probe, int *texel, int *at,
                        bool *fresh)
 {
@@ -75,7 +78,7 @@ inline bool writes_for(__global const float4 *probe_data, int texels, int *probe
     const int tiles = (texels + TEXELS - 1) / TEXELS;
     *probe = (int)get_group_id(0) / tiles * LANES + item / TEXELS;
     *texel = (int)get_group_id(0) % tiles * TEXELS + item % TEXELS;
-    *at = item % TEXELS * (LANES + 1) + item / TEXELS;
+    *at = item % TEXELS * SUM_ROW + item / TEXELS;
     if (*texel >= texels || *probe >= PROBES)
         return false;
     const int state = probe_state(probe_data, *probe);
@@ -89,7 +92,7 @@ inline __global const float *ray_planes(__global const float *rays, int probe)
     return rays + (size_t)(probe / LANES) * BLENDED * (RAY_PLANES * LANES) + probe % LANES;
 }
 
-#define PLANE (TEXELS * (LANES + 1))
+#define PLANE (TEXELS * SUM_ROW)
 
 // blend_irradiance: one work-group per LANES probes and TEXELS texels.
 // sums: local, 3 * PLANE floats.
@@ -123,7 +126,7 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
             weights1 += w1 * row1[3 * LANES];
         }
         const float scale = 0.5f / fmax(weights + weights1, LEAST_WEIGHTS);
-        at = (int)get_local_id(0) / LANES * (LANES + 1) + probe % LANES;
+        at = (int)get_local_id(0) / LANES * SUM_ROW + probe % LANES;
         sums[at] = sample_of((red + red1) * scale);
         sums[PLANE + at] = sample_of((green + green1) * scale);
         sums[2 * PLANE + at] = sample_of((blue + blue1) * scale);
@@ -162,7 +165,7 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                 weights += w;
             }
         }
-        at = (int)get_local_id(0) / LANES * (LANES + 1) + probe % LANES;
+        at = (int)get_local_id(0) / LANES * SUM_ROW + probe % LANES;
         sums[at] = (mean[0] + mean[1]) + (mean[2] + mean[3]);
         sums[PLANE + at] = (square[0] + square[1]) + (square[2] + square[3]);
         sums[2 * PLANE + at] = weights;

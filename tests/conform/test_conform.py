@@ -34,11 +34,6 @@ NOT_COVERED = {
     "gibs/life.cl:recycling_choose",
     "gibs/life.cl:recycling_commit",
     "gibs/life.cl:recycling_move",
-    "srp/bake.cl:transport_accumulate",
-    "srp/bake.cl:transport_decide",
-    "srp/bake.cl:transport_plain",
-    "srp/bake.cl:transport_rays",
-    "srp/bake.cl:transport_weights",
 }
 ON_THEIR_WAY = ("surfel_cache/", "irradiance_probes/", "light_field/", "parts/captured_")
 
@@ -140,7 +135,7 @@ def test_the_command_tells_and_writes(
     assert set(by_name) == all_kernels()
     assert by_name["parts/dilate.cl:dilate"]["status"] == RIGHT
     assert by_name["parts/dilate.cl:dilate"]["sizes"] == [1, 7, 64, 100]
-    assert by_name["srp/bake.cl:transport_rays"]["status"] == NO_ORACLE
+    assert by_name["gibs/life.cl:placement"]["status"] == NO_ORACLE
     assert record["device"]["driver"]
     tree = faulty_tree(tmp_path, [("parts/dilate.cl:dilate", NOTHING)])
     assert call(["conform", "--kernels", str(tree), "--json", "-", "-q"]) == 1

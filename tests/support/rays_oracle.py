@@ -269,18 +269,3 @@ def walk(bvh, corners):
                     seen.append(int(triangle))
     assert visited == bvh.node_count
     return seen, deepest
-
-
-def intersect(corners, origins, directions):
-    """Moeller and Trumbore 1997 in float64: distances (n, t), inf where missed."""
-    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    p = np.cross(directions[:, None], e2[None])
-    det = (p * e1).sum(axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = origins[:, None] - corners[None, :, 0]
-        u = (s * p).sum(axis=-1) / det
-        q = np.cross(s, e1[None])
-        v = (q * directions[:, None]).sum(axis=-1) / det
-        t = (q * e2).sum(axis=-1) / det
-    inside = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-9) & (np.abs(det) > 1e-14)
-    return np.where(inside, t, np.inf)

@@ -42,7 +42,8 @@ class Simt(Tuned):
 
     def _product(self, kernel: str, args: tuple[Argument, ...], side: int) -> Launch:
         probe_blocks = -(-self.probes.volume.probes // self.lanes)
-        sums = local("sums", 3 * 4 * self._texels * (self.lanes + 1))
+        row = self.lanes + 32 // self._texels  # SUM_ROW
+        sums = local("sums", 3 * 4 * self._texels * row)
         return Launch(
             self._simt_program(),
             kernel,

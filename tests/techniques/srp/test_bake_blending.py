@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.rays_oracle import intersect
 from support.tiny_scenes import empty_room, room
 
 from gibench.errors import BadInput
@@ -14,6 +13,7 @@ from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.sh import sh_basis
 from gibench.techniques.srp.bake.transport import TransportBaker
 from gibench.techniques.srp.bake.weights import spatial_weight
+from gibench.techniques.srp.conform_bake_oracle import intersect
 
 
 @pytest.mark.parametrize("kind", ["spatial", "visibility"])

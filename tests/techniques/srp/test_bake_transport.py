@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.rays_oracle import intersect
 from support.tiny_scenes import empty_room, quad_scene, room
 from support.vector_widths import widths
 
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
-from gibench.techniques.srp.bake.sh import sh_basis
 from gibench.techniques.srp.bake.transport import CHUNK_RAYS, TransportBaker
 from gibench.techniques.srp.bake.visibility import visibility_tables
 from gibench.techniques.srp.bake.weights import spatial_weight
+from gibench.techniques.srp.conform_bake_oracle import brute_force
 
 PROBES = np.array(
     [[-0.8, 0.4, -0.8], [0.7, 0.3, 0.8], [0.0, 1.7, 0.1], [0.75, 1.5, -0.9], [-0.7, 2.1, 0.7]],
@@ -40,66 +39,6 @@ def baker_of(
     return TransportBaker(
         scene, lightmap, probes, settings, tracer, tables, seed, chunk_rays, vector=vector
     )
-
-
-def order_1(directions, normal):
-    """What samples (s, 3) of density (1 + 2 cosine) / 4 pi about ``normal`` weigh in units of pi:
-    (s, 4) for irradiance at the normal and its gradient, by radiance in spherical harmonics and the
-    constants of the convolution with the clamped cosine (Ramamoorthi and Hanrahan 2001).
-    """
-    cosine = directions @ normal
-    convolved = sh_basis(1, directions) * [np.pi, *[2 * np.pi / 3] * 3]
-    convolved /= (1 + 2 * cosine)[:, None] / (4 * np.pi)
-
-    def at(normals):
-        return convolved @ sh_basis(1, normals).T / np.pi
-
-    axes = np.eye(3)
-    return np.concatenate([at(normal[None]), (at(axes) - at(-axes)) / 2], axis=1)
-
-
-def brute_force(scene, probes, receiver, origins, directions, order, normal=None):
-    """Eq. 5.6 for one receiver and its sample rays: (p, c) float64 and the valid samples; (4, p, c)
-    with a ``normal``, for receivers of order 1.
-
-    None for a receiver one of whose rays grazes an edge so closely that lifting its target by
-    2e-5 m off its surface changes what is seen: the bake lifts targets by half of that.
-    """
-    corners = scene.corners.astype(np.float64)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    started = (directions**2).sum(axis=1) > 0.5
-    o, d = origins[started].astype(np.float64), directions[started].astype(np.float64)
-    t = intersect(corners, o, d)
-    struck, distance = t.argmin(axis=1), t.min(axis=1)
-    escaped = np.isinf(distance)
-    faced = (normals[struck] * d).sum(axis=1) < 0
-    hit = o + np.where(escaped, 0.0, distance)[:, None] * d
-    p = probes.positions.astype(np.float64)
-    weight = spatial_weight(np.linalg.norm(receiver - p, axis=1) / probes.radius)
-    visible = np.zeros((len(p), len(o)), bool)
-    phi = np.empty((len(p), len(o), 3))
-    for i in range(len(p)):
-        toward = np.where(escaped[:, None], d, hit - p[i])
-        phi[i] = toward / np.linalg.norm(toward, axis=1, keepdims=True)
-        t = intersect(corners, np.broadcast_to(p[i], o.shape), toward)
-        unit = normals[struck] / np.linalg.norm(normals[struck], axis=1, keepdims=True)
-        lifted = toward + np.where(escaped, 0.0, 2e-5)[:, None] * unit
-        again = intersect(corners, np.broadcast_to(p[i], o.shape), lifted)
-        if ((t < 1 - 1e-4).any(axis=1) != (again < 1 - 1e-4).any(axis=1)).any():
-            return None
-        in_front = (normals[struck] * (p[i] - hit)).sum(axis=1) > 0
-        # Whatever lies before the hit point itself.
-        seen = faced & in_front & ~(t < 1 - 1e-6).any(axis=1)
-        visible[i] = np.where(escaped, ~np.isfinite(t).any(axis=1), seen)
-    share = weight[:, None] * visible
-    total = share.sum(axis=0)
-    kernel = np.divide(share, total, out=np.zeros_like(share), where=total > 0)
-    valid = int((total > 0).sum())
-    basis = sh_basis(order, phi.reshape(-1, 3)).reshape(*phi.shape[:2], -1)
-    scale = np.pi / max(valid, 1)
-    if normal is not None:
-        return scale * np.einsum("ps,sk,psc->kpc", kernel, order_1(d, normal), basis), valid
-    return scale * np.einsum("ps,psc->pc", kernel, basis), valid
 
 
 @pytest.mark.parametrize(

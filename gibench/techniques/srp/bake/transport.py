@@ -8,6 +8,7 @@ visibility tables settle (kernel), rays for the pairs they leave open (Embree), 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.resources.abc import Traversable
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -86,6 +87,7 @@ class TransportBaker:
         chunk_rays: primary rays traced at once by one worker; about 60 bytes of memory each.
         cl_device: OpenCL device; by default the first there is.
         vector: floats per vector, 1, 2, 4, 8 or 16; by default what the device prefers.
+        kernel_root: another kernel tree than the installed one.
 
     Raises:
         CannotRun: there is no OpenCL device.
@@ -103,6 +105,7 @@ class TransportBaker:
         chunk_rays: int = CHUNK_RAYS,
         cl_device: Any = None,
         vector: int | None = None,
+        kernel_root: Traversable | None = None,
     ) -> None:
         self.lightmap = lightmap
         self.probes = probes
@@ -113,7 +116,7 @@ class TransportBaker:
         self.table_receivers = len(lightmap.receivers) if tables else 0
         self.coefficients = sh_count(settings.order)
         self.components = settings.components
-        self.device = Device.unlimited(cl_device)
+        self.device = Device.unlimited(cl_device, kernel_root)
         self.vector = vector or self.device.vector_width
         self.stride = -(-settings.transport_rays // self.vector) * self.vector
         defines: dict[str, Define] = {
