@@ -1,10 +1,10 @@
 // Blending of ddgi/tuned_blend.cl for devices that run work-items in lockstep.
 //
 // The lists of rays are the same. A texel's list is made by a work-group, which fetches and stores
-// what lies side by side. The products are made by groups of LANES probes by TEXELS texels:
-// neighbouring work-items are neighbouring probes, whose rays lie beside each other, and once they
-// have their sums they change places in local memory, so that neighbours then are neighbouring texels
-// of one map. Macros: LANES, TEXELS.
+// what lies side by side. The products are made by groups of any size for LANES probes by TEXELS
+// texels: neighbouring work-items are neighbouring probes, whose rays lie beside each other, and once
+// they have their sums they change places in local memory, so that neighbours then are neighbouring
+// texels of one map. Macros: LANES, TEXELS.
 #include "ddgi/rays.cl"
 #include "ddgi/texel.cl"
 #include "parts/scan.cl"
@@ -56,13 +56,15 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
         lengths[texel] = whole;
 }
 
-// Which texel and probe this work-item sums; false past the ends, and where the probe is not active.
-inline bool sums_for(__global const float4 *probe_data, int texels, int *probe, int *texel)
+// The sums of a group.
+#define GROUP_SUMS (LANES * TEXELS)
+
+// Probe and texel of the k-th; false past the ends, and where the probe is not active.
+inline bool sums_for(__global const float4 *probe_data, int texels, int k, int *probe, int *texel)
 {
-    const int item = get_local_id(0);
     const int tiles = (texels + TEXELS - 1) / TEXELS;
-    *probe = (int)get_group_id(0) / tiles * LANES + item % LANES;
-    *texel = (int)get_group_id(0) % tiles * TEXELS + item / LANES;
+    *probe = (int)get_group_id(0) / tiles * LANES + k % LANES;
+    *texel = (int)get_group_id(0) % tiles * TEXELS + k / LANES;
     return *texel < texels && *probe < PROBES && (probe_state(probe_data, *probe) & PROBE_ACTIVE);
 }
 
@@ -70,15 +72,14 @@ inline bool sums_for(__global const float4 *probe_data, int texels, int *probe, 
 // rows in turns are on different ones of 32 banks.
 #define SUM_ROW (LANES + 32 / TEXELS)
 
-// Which it writes, and where its sums lie.
-inline bool writes_for(__global const float4 *probe_data, int texels, int *probe, int *texel, int *at,
-                       bool *fresh)
+// Probe and texel that are written k-th, and where their sums lie.
+inline bool writes_for(__global const float4 *probe_data, int texels, int k, int *probe, int *texel,
+                       int *at, bool *fresh)
 {
-    const int item = get_local_id(0);
     const int tiles = (texels + TEXELS - 1) / TEXELS;
-    *probe = (int)get_group_id(0) / tiles * LANES + item / TEXELS;
-    *texel = (int)get_group_id(0) % tiles * TEXELS + item % TEXELS;
-    *at = item % TEXELS * SUM_ROW + item / TEXELS;
+    *probe = (int)get_group_id(0) / tiles * LANES + k / TEXELS;
+    *texel = (int)get_group_id(0) % tiles * TEXELS + k % TEXELS;
+    *at = k % TEXELS * SUM_ROW + k / TEXELS;
     if (*texel >= texels || *probe >= PROBES)
         return false;
     const int state = probe_state(probe_data, *probe);
@@ -103,9 +104,12 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                                __global float *variability, __global int *accepted,
                                __local float *sums)
 {
+    const int item = get_local_id(0), size = get_local_size(0);
     int probe, texel, at;
     bool fresh;
-    if (sums_for(probe_data, IRRADIANCE_TEXELS, &probe, &texel)) {
+    for (int k = item; k < GROUP_SUMS; k += size) {
+        if (!sums_for(probe_data, IRRADIANCE_TEXELS, k, &probe, &texel))
+            continue;
         __global const float *planes = ray_planes(rays, probe);
         __global const int *own_rays = list_rays + texel * LIST_LENGTH;
         __global const float *own_weights = list_weights + texel * LIST_LENGTH;
@@ -126,15 +130,18 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
             weights1 += w1 * row1[3 * LANES];
         }
         const float scale = 0.5f / fmax(weights + weights1, LEAST_WEIGHTS);
-        at = (int)get_local_id(0) / LANES * SUM_ROW + probe % LANES;
+        at = k / LANES * SUM_ROW + k % LANES;
         sums[at] = sample_of((red + red1) * scale);
         sums[PLANE + at] = sample_of((green + green1) * scale);
         sums[2 * PLANE + at] = sample_of((blue + blue1) * scale);
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (writes_for(probe_data, IRRADIANCE_TEXELS, &probe, &texel, &at, &fresh))
-        update_irradiance(probe, texel, (float3)(sums[at], sums[PLANE + at], sums[2 * PLANE + at]),
-                          backs[probe], fresh, frame_table, irradiance_maps, variability, accepted);
+    for (int k = item; k < GROUP_SUMS; k += size)
+        if (writes_for(probe_data, IRRADIANCE_TEXELS, k, &probe, &texel, &at, &fresh))
+            update_irradiance(probe, texel,
+                              (float3)(sums[at], sums[PLANE + at], sums[2 * PLANE + at]),
+                              backs[probe], fresh, frame_table, irradiance_maps, variability,
+                              accepted);
 }
 
 // blend_distance: one work-group per LANES probes and TEXELS texels.
@@ -144,9 +151,12 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                              __global const float *rays, __global const uint *frame_table,
                              __global map_t *distance_maps, __local float *sums)
 {
+    const int item = get_local_id(0), size = get_local_size(0);
     int probe, texel, at;
     bool fresh;
-    if (sums_for(probe_data, DISTANCE_TEXELS, &probe, &texel)) {
+    for (int k = item; k < GROUP_SUMS; k += size) {
+        if (!sums_for(probe_data, DISTANCE_TEXELS, k, &probe, &texel))
+            continue;
         __global const float *planes = ray_planes(rays, probe) + 4 * LANES;
         __global const int *own_rays = list_rays + texel * LIST_LENGTH;
         __global const float *own_weights = list_weights + texel * LIST_LENGTH;
@@ -165,13 +175,14 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                 weights += w;
             }
         }
-        at = (int)get_local_id(0) / LANES * SUM_ROW + probe % LANES;
+        at = k / LANES * SUM_ROW + k % LANES;
         sums[at] = (mean[0] + mean[1]) + (mean[2] + mean[3]);
         sums[PLANE + at] = (square[0] + square[1]) + (square[2] + square[3]);
         sums[2 * PLANE + at] = weights;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (writes_for(probe_data, DISTANCE_TEXELS, &probe, &texel, &at, &fresh))
-        update_distance(probe, texel, (float2)(sums[at], sums[PLANE + at]), sums[2 * PLANE + at],
-                        fresh, frame_table, distance_maps);
+    for (int k = item; k < GROUP_SUMS; k += size)
+        if (writes_for(probe_data, DISTANCE_TEXELS, k, &probe, &texel, &at, &fresh))
+            update_distance(probe, texel, (float2)(sums[at], sums[PLANE + at]),
+                            sums[2 * PLANE + at], fresh, frame_table, distance_maps);
 }

@@ -7,12 +7,11 @@ from typing import Final
 
 from gibench.device import Argument, Launch, ProgramSpec, local
 from gibench.techniques.ddgi.blending import Tuned
-from gibench.techniques.ddgi.probes import Probes
 
 _WEIGHTS_GROUP: Final = 64
 """Work-items that make a texel's list: a multiple of every SIMD width there is."""
 _TEXELS: Final = 8
-"""Texels of a group at most, so that a map is written in pieces of 32 bytes and more."""
+"""Texels of a group, so that a map is written in pieces of 32 bytes and more."""
 
 
 class Simt(Tuned):
@@ -22,11 +21,6 @@ class Simt(Tuned):
     Args:
         probes: what is blended into.
     """
-
-    def __init__(self, probes: Probes) -> None:
-        super().__init__(probes)
-        most = probes.device.profile.max_workgroup_size
-        self._texels = max(1, min(_TEXELS, most // self.lanes))
 
     def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
         launch = super()._weights(name, side, sharp, least)
@@ -42,16 +36,14 @@ class Simt(Tuned):
 
     def _product(self, kernel: str, args: tuple[Argument, ...], side: int) -> Launch:
         probe_blocks = -(-self.probes.volume.probes // self.lanes)
-        row = self.lanes + 32 // self._texels  # SUM_ROW
-        sums = local("sums", 3 * 4 * self._texels * row)
+        sums = local("sums", 3 * 4 * _TEXELS * (self.lanes + 32 // _TEXELS))  # of SUM_ROW
         return Launch(
             self._simt_program(),
             kernel,
             (*args, sums),
-            groups=probe_blocks * -(-(side**2) // self._texels),
-            workgroup_size=self.lanes * self._texels,
+            groups=probe_blocks * -(-(side**2) // _TEXELS),
         )
 
     def _simt_program(self) -> ProgramSpec:
-        defines = {**self.probes.defines(self.lanes), "TEXELS": self._texels}
+        defines = {**self.probes.defines(self.lanes), "TEXELS": _TEXELS}
         return ProgramSpec("ddgi/simt_blend.cl", defines)

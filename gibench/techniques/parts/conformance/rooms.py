@@ -17,7 +17,7 @@ Quad = tuple[tuple[float, float, float], ...]  # corner, edge u, edge v; the fro
 def box(low: Any, high: Any, inward: bool) -> list[Quad]:
     """The six faces of a box, their fronts inside or outside."""
     low, high = np.asarray(low, float), np.asarray(high, float)
-    quads = []
+    quads: list[Quad] = []
     for axis in range(3):
         u, v = np.zeros(3), np.zeros(3)
         u[(axis + 1) % 3] = (high - low)[(axis + 1) % 3]
