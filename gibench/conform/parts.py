@@ -11,7 +11,14 @@ import numpy.typing as npt
 
 from gibench.device import LAYOUTS, Device, Layout
 from gibench.techniques.parts.camera_pass import camera_launch
-from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run
+from gibench.techniques.parts.conformance.case import (
+    Bench,
+    Case,
+    Tolerance,
+    at_least,
+    off,
+    run,
+)
 from gibench.techniques.parts.conformance.shading import direct_irradiance, render
 from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
@@ -22,6 +29,12 @@ from gibench.techniques.parts.lightmap_update import lightmap_update
 from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.parts.scan import BlockScan, WaveScan
+
+SENT = Tolerance(2e-4, 2e-5)
+"""Light that receivers send: what rounding does to cosines of grazing light."""
+DILATED = Tolerance(10 * 2.0**-24)
+"""A mean of eight: seven additions, a division and the rounding of what is added, of positive
+values."""
 
 
 def _image(bench: Bench, rng: np.random.Generator, size: int, packets: bool) -> Iterator[float]:
@@ -70,7 +83,7 @@ def _lightmap(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[flo
     expected = r.emission + r.albedo / np.pi * (lit.irradiance + last[r.texel, :3])
     found = device.read(radiance)
     yield at_least(float(lit.certain.mean()), 0.85)
-    yield off(found[r.texel[lit.certain], :3], expected[lit.certain], 3e-4, 3e-5)
+    yield off(found[r.texel[lit.certain], :3], expected[lit.certain], SENT.relative, SENT.absolute)
     outside = np.setdiff1d(np.arange(1000), r.texel)
     yield off(found[outside], np.zeros_like(found[outside]))
 
@@ -91,7 +104,7 @@ def _dilate(bench: Bench, rng: np.random.Generator, size: int, listed: bool) -> 
         near = source[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2].reshape(-1, 4)
         if (near[:, 3] > 0).any():
             expected[y, x, :3] = near[near[:, 3] > 0, :3].mean(axis=0)
-    yield off(device.read(signal.map).reshape(23, 19, 4), expected, 2e-6, 2e-7)
+    yield off(device.read(signal.map).reshape(23, 19, 4), expected, DILATED.relative)
 
 
 def _sums(values: npt.NDArray[np.uint32]) -> npt.NDArray[Any]:

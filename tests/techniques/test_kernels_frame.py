@@ -10,6 +10,7 @@ from support.shading_oracle import bilinear, direct_irradiance, open_device, ren
 from support.synthetic_bake import random_lightmap, random_scene
 
 import gibench
+from gibench.conform.parts import DILATED, SENT
 from gibench.device import Launch, ProgramSpec, integer, reads, writes
 from gibench.techniques.parts.camera_pass import camera_launch
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
@@ -107,7 +108,10 @@ def test_lightmap_update(size, bounces):
     found = device.read(radiance)
     assert lit.certain.mean() > 0.9
     np.testing.assert_allclose(
-        found[r.texel[lit.certain], :3], expected[lit.certain], rtol=2e-4, atol=2e-5
+        found[r.texel[lit.certain], :3],
+        expected[lit.certain],
+        rtol=SENT.relative,
+        atol=SENT.absolute,
     )
     outside = np.setdiff1d(np.arange(1000), r.texel)
     assert not found[outside].any()
@@ -159,7 +163,7 @@ def test_dilate(size, listed, components):
             if source[y, x, 0, 3] == 0 and len(valid):
                 expected[y, x, :, :3] = valid[:, :, :3].mean(axis=0)
     found = device.read(signal.map).reshape(23, 19, components, 4)
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(found, expected, rtol=DILATED.relative)
     np.testing.assert_array_equal(signal.at_receivers(), drawn)
     np.testing.assert_array_equal(signal.irradiance(), drawn[:, 0])
     assert np.count_nonzero(found[:, :, components - 1].any(axis=2)) > 70

@@ -13,8 +13,13 @@ from gibench.device import SIMT, WIDE, Layout
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.ddgi import SPEC
 from gibench.techniques.ddgi.conform_oracle import (
+    DISTANCE,
     FAR,
+    IRRADIANCE,
+    OFFSET,
     SMALL,
+    VARIABILITY,
+    VARIATION,
     Array,
     State,
     bias_of,
@@ -188,10 +193,12 @@ def _blend(
     found = _inner(device.read(probes.irradiance))[..., :3]
     yield off(found[~taken], before[~taken])
     which = taken[:, None] & certain
-    yield off(found[which], maps[which], relative=3e-5)
-    yield off(device.read(probes.variability)[which], variation[which], 2e-3, 3e-5)
+    yield off(found[which], maps[which], IRRADIANCE.relative)
+    found = device.read(probes.variability)
+    yield off(found[which], variation[which], VARIATION.relative, VARIATION.absolute)
     expected = np.where(active[:, None, None], blended_distance(s, distance), _inner(s.distance))
-    yield off(_inner(device.read(probes.distance)), expected, 1e-4, 2e-7)
+    found = _inner(device.read(probes.distance))
+    yield off(found, expected, DISTANCE.relative, DISTANCE.absolute)
 
 
 def _borders(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
@@ -224,7 +231,7 @@ def _moving(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float
     run_pass(technique, "relocation", size)
     found = state_of(technique)
     yield off(found.state, s.state)
-    yield off(found.offset, relocated(s, distance), 1e-5, 2e-6)
+    yield off(found.offset, relocated(s, distance), OFFSET.relative, OFFSET.absolute)
     run_pass(technique, "classification", size)
     after = state_of(technique)
     yield off(after.state, classified(s, distance, accepted))
@@ -240,7 +247,7 @@ def _variability(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[
     technique.device.write(technique.probes.variability, values)
     run_pass(technique, "variability", size)
     exact = values[state_of(technique).state == 3].astype(np.float64).mean()
-    yield off(np.array(technique.average_variability()), exact, relative=2e-6)
+    yield off(np.array(technique.average_variability()), exact, VARIABILITY.relative)
 
 
 def _gather(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.settings import DdgiSettings
+from gibench.techniques.parts.conformance.case import Tolerance
 from gibench.techniques.parts.conformance.shading import (
     STEP_BACK,
     bilinear,
@@ -48,6 +49,17 @@ def randomise(
 
 SIZES = (1, 7, 64, 100)  # 7 and 100 divide none of the problems below
 # 30 probes in blocks of 16 lanes leave lanes empty; 13 and 41 rays fill no list of four.
+# A mean of 41 rays by sums of float32, decoded and encoded by powers (powr: 16 ulp in OpenCL 1.2,
+# section 7.4, 1e-6), and the power of 5 multiplies what it is given.
+IRRADIANCE = Tolerance(2e-5)
+# The root of a difference of what is known to IRRADIANCE, over the mean.
+VARIATION = Tolerance(1e-3, 2e-5)
+# A power of 50 of a cosine multiplies its rounding.
+DISTANCE = Tolerance(5e-5, 1e-7)
+OFFSET = Tolerance(1e-5, 1e-6)
+# Sums of positive values, by work-items and then by groups: some ten roundings on each one's way.
+VARIABILITY = Tolerance(1e-6)
+
 SMALL = {"counts": "5x3x2", "rays": 54, "fixed_rays": 13, "irradiance_texels": 5,
          "distance_texels": 7, "random_backface_threshold": 0.3}  # fmt: skip
 

@@ -34,6 +34,7 @@ from gibench.device import SIMT, WIDE, kernel_source, local
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.ddgi.blending import Tuned
 from gibench.techniques.ddgi.conform import rays_of, store_rays
+from gibench.techniques.ddgi.conform_oracle import DISTANCE, IRRADIANCE, VARIATION
 from gibench.techniques.parts.camera_table import camera_table
 
 
@@ -254,16 +255,18 @@ def test_blending(scene, size, shape, more):
     np.testing.assert_array_equal(found[~taken], before[~taken])
     assert certain.mean() > 0.98
     which = taken[:, None] & certain
-    np.testing.assert_allclose(found[which], maps[which], rtol=2e-5)
+    np.testing.assert_allclose(found[which], maps[which], rtol=IRRADIANCE.relative)
     cv = device.read(probes.variability)
-    np.testing.assert_allclose(cv[which], variation[which], rtol=1e-3, atol=2e-5)
+    np.testing.assert_allclose(
+        cv[which], variation[which], rtol=VARIATION.relative, atol=VARIATION.absolute
+    )
     # Falls and rises beyond the thresholds both occur.
     fall, rise = (before - found)[which].max(), (found - before)[which].max()
     assert fall > 0.05
     assert rise > 0.01
     distances = inner(device.read(probes.distance))
     expected = np.where(active[:, None, None], blended_distance(s, distance), inner(s.distance))
-    np.testing.assert_allclose(distances, expected, rtol=5e-5, atol=1e-7)
+    np.testing.assert_allclose(distances, expected, rtol=DISTANCE.relative, atol=DISTANCE.absolute)
 
 
 @pytest.mark.parametrize("size", [1, 7, 24, 64])

@@ -17,6 +17,8 @@ from support.ddgi_oracle import (
 )
 from support.synthetic_bake import random_scene
 
+from gibench.techniques.ddgi.conform_oracle import OFFSET, VARIABILITY
+
 
 @pytest.fixture(scope="module")
 def scene():
@@ -42,7 +44,7 @@ def test_relocation_and_classification(scene, size):
     run_pass(technique, "relocation", size)
     found, expected = state_of(technique), relocated(s, distance)
     np.testing.assert_array_equal(found.state, s.state)
-    np.testing.assert_allclose(found.offset, expected, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(found.offset, expected, rtol=OFFSET.relative, atol=OFFSET.absolute)
     moved = np.linalg.norm(expected - s.offset, axis=1)
     assert 0.1 < (moved > 0).mean() < 0.95
     assert (np.linalg.norm(found.offset / s.spacing, axis=1) < 0.4501).all()
@@ -77,7 +79,7 @@ def test_average_variability_is_the_exact_mean(scene, size, counts):
     technique.device.write(technique.probes.variability, values)
     run_pass(technique, "variability", size)
     exact = values[state_of(technique).state == 3].astype(np.float64).mean()
-    assert technique.average_variability() == pytest.approx(exact, rel=1e-6)
+    assert technique.average_variability() == pytest.approx(exact, rel=VARIABILITY.relative)
 
 
 def test_average_variability_of_no_probe(scene):

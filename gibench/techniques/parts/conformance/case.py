@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources.abc import Traversable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,16 @@ class Bench:
             local_memory_bytes=min(local_memory, int(self.cl_device.local_mem_size)),
         )
         return Device(profile, self.cl_device, self.kernel_root, layout)
+
+
+class Tolerance(NamedTuple):
+    """What an element may be off by: ``absolute + relative * |expected|``.
+
+    A quantity has one, which its test and its case share.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
 
 
 Check = Callable[[Bench, np.random.Generator, int], Iterator[float]]
