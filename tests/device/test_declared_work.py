@@ -82,7 +82,8 @@ class Explained:
     """A row of a declared_work.csv.
 
     Attributes:
-        variant: it is of, ``simt`` for ``tuned`` in that layout; empty: of every variant.
+        variant: it is of, ``simt`` for what ``tuned`` does otherwise in that layout; empty: of
+            every variant.
         settings: beside those of ``SHAPES``, as :func:`words` has them; empty: whatever they are.
         name: of the pass.
         quantity: of its work.
@@ -149,10 +150,10 @@ def rows_of(case: Case, name: str, quantity: str) -> list[Explained]:
         row
         for row in rows
         if (row.name, row.quantity) == (name, quantity)
-        and row.variant in ("", case.layout if case.layout == SIMT else case.variant)
+        and row.variant in ("", case.variant, case.layout)
         and row.settings in ("", words(case))
     ]
-    return sorted(fit, key=lambda row: (not row.settings, not row.variant))
+    return sorted(fit, key=lambda row: (not row.settings, row.variant != SIMT, not row.variant))
 
 
 def bounds_of(case: Case, name: str, quantity: str, said: float) -> tuple[float, float]:
