@@ -24,4 +24,13 @@ inline float3 with_diffuse(float3 radiance, float3 reflectance, float3 irradianc
     return radiance + reflectance * irradiance;
 }
 
+// The same of a surface with gloss: `share` of what its lobe receives, `mirrored`, W/m2/sr, goes on to the
+// eye; of the rest, what no metal takes is diffuse (Anonymous 2022, equation 4.2).
+inline float3 with_gloss(float3 radiance, float3 albedo, float3 irradiance, float metalness, float3 share,
+                         float3 mirrored)
+{
+    const float3 diffuse = albedo * (1.0f - metalness) * (1.0f - share);
+    return with_reflected(radiance, diffuse, irradiance) + share * mirrored;
+}
+
 #endif

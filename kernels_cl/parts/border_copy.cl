@@ -4,8 +4,8 @@
 //   A map's border repeats the texels that lie on the other side of its edges in the octahedral
 //   map, so that bilinear lookups need no special case: a side's texels mirrored about its middle,
 //   a corner's from the opposite corner (Majercik et al. 2019, figure 3).
-// maps: (probes, side + 2, side + 2) texels of `words` 32-bit words each.
-__kernel void border_copy(__global uint *maps, int probes, int side, int words)
+// maps: (probes, side + 2, side + 2) texels of `words` 32-bit words each, from texel `first` on.
+__kernel void border_copy(__global uint *maps, int first, int probes, int side, int words)
 {
     const int across = side + 2, border = 4 * (side + 1);
     const int i = get_global_id(0);
@@ -25,7 +25,7 @@ __kernel void border_copy(__global uint *maps, int probes, int side, int words)
     int from_column = above ? side + 1 - column : column;
     from_row = clamp(from_row, 1, side);
     from_column = clamp(from_column, 1, side);
-    __global uint *map = maps + (size_t)(i / border) * across * across * words;
+    __global uint *map = maps + (first + (size_t)(i / border) * across * across) * words;
     for (int w = 0; w < words; ++w)
         map[(row * across + column) * words + w] = map[(from_row * across + from_column) * words + w];
 }

@@ -12,11 +12,21 @@
 //
 // irradiance_maps  per probe (SIDE + 2)^2 texels of 4: irradiance, W/m2; the fourth is not used
 // distance_maps    per probe (SIDE + 2)^2 texels of 2: mean and mean square of the distance
+//
+// LOBE_STEPS, where it is not 0: the light that comes from where the surface mirrors is looked up with it
+// (parts/captured_lobes.cl); BOX_LOW and BOX_HIGH with _X, _Y and _Z are then the scene's box, m.
 #ifndef GIBENCH_CAPTURED_GATHER
 #define GIBENCH_CAPTURED_GATHER
 
+#ifndef LOBE_STEPS
+#define LOBE_STEPS 0
+#endif
+
 #include "parts/octahedral_maps.cl"
 #include "parts/probe_volume.cl"
+#if LOBE_STEPS
+#include "parts/captured_lobes.cl"
+#endif
 
 #if PROBE_VISIBILITY
 #define MAP_PARAMS __global const map_t *irradiance_maps, __global const map_t *distance_maps
@@ -26,16 +36,54 @@
 #define MAP_ARGS irradiance_maps
 #endif
 
-// Bilinear value of a probe's irradiance map, from its upper left texel on.
-inline float3 held_irradiance(__global const map_t *irradiance_maps, size_t first, float2 fraction)
+// Bilinear value of a map of `side` texels, from its upper left texel on.
+inline float3 held_light(__global const map_t *maps, size_t first, int side, float2 fraction)
 {
-    const size_t below = first + SIDE + 2;
-    const float4 upper = mix(map_load4(first, irradiance_maps),
-                             map_load4(first + 1, irradiance_maps), fraction.x);
-    const float4 lower = mix(map_load4(below, irradiance_maps),
-                             map_load4(below + 1, irradiance_maps), fraction.x);
+    const size_t below = first + side + 2;
+    const float4 upper = mix(map_load4(first, maps), map_load4(first + 1, maps), fraction.x);
+    const float4 lower = mix(map_load4(below, maps), map_load4(below + 1, maps), fraction.x);
     return mix(upper, lower, fraction.y).xyz;
 }
+
+#if LOBE_STEPS
+#define LOBE_PARAM , __global const map_t *lobe_maps, float3 mirrored, float roughness, float3 *received
+#else
+#define LOBE_PARAM
+#endif
+
+#if LOBE_STEPS
+// Where the ray from a point, m, leaves the scene's box: what is mirrored is taken to be there
+// (Sebastien and Zanuttini 2012).
+inline float3 leaves_box(float3 point, float3 direction)
+{
+    const float3 low = (float3)(BOX_LOW_X, BOX_LOW_Y, BOX_LOW_Z);
+    const float3 high = (float3)(BOX_HIGH_X, BOX_HIGH_Y, BOX_HIGH_Z);
+    const float3 wall = (float3)(direction.x > 0.0f ? high.x : low.x, direction.y > 0.0f ? high.y : low.y,
+                                 direction.z > 0.0f ? high.z : low.z);
+    const float3 slow = fmax(fabs(direction), 1e-9f);
+    const float3 way = fmax(copysign((float3)(1.0f), direction) * (wall - point), 0.0f) / slow;
+    return point + fmin(way.x, fmin(way.y, way.z)) * direction;
+}
+
+// Radiance of a probe's map of a step, W/m2/sr.
+inline float3 lobe_radiance(__global const map_t *lobe_maps, int probe, int step, float3 direction)
+{
+    const int side = lobe_side(step);
+    float2 f;
+    const int corner = map_corner(direction, side, &f);
+    return held_light(lobe_maps, lobe_first(step) + (size_t)probe * MAP_TEXELS(side) + corner, side, f);
+}
+
+// Radiance, W/m2/sr, that a lobe of `roughness` about `direction`, not 0, receives from a probe.
+inline float3 received_light(__global const map_t *lobe_maps, int probe, float3 direction, float roughness)
+{
+    const float step = clamp(roughness, 0.0f, 1.0f) * (LOBE_STEPS - 1);
+    const int lower = min((int)step, LOBE_STEPS - 2);
+    const float3 d = normalize(direction);
+    return mix(lobe_radiance(lobe_maps, probe, lower, d), lobe_radiance(lobe_maps, probe, lower + 1, d),
+               step - lower);
+}
+#endif
 
 #if PROBE_VISIBILITY
 // The bound, cubed, on how much a probe sees of what lies `offset`, m, from it.
@@ -72,8 +120,10 @@ inline float probe_share(VOLUME_PARAMS, MAP_PARAMS, int probe, int3 cell, float3
     return share;
 }
 
-inline float3 probe_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float3 geometric_normal,
-                               float3 normal)
+// Irradiance at a surface, W/m2. With LOBE_STEPS also, in `received`, radiance from where a surface of
+// `roughness` mirrors along unit `mirrored`, averaged over its lobe, W/m2/sr.
+inline float3 probe_irradiance(VOLUME_PARAMS, MAP_PARAMS LOBE_PARAM, float3 position,
+                               float3 geometric_normal, float3 normal)
 {
     const float3 point = position + SURFACE_BIAS * geometric_normal;
     const float3 at = (point - load3(volume, 0)) / load3(volume, 1);
@@ -82,6 +132,10 @@ inline float3 probe_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float
     const int corner = map_corner(normal, SIDE, &f);
     float3 sum = (float3)(0.0f);
     float shares = 0.0f;
+#if LOBE_STEPS
+    const float3 place = leaves_box(position, mirrored);
+    *received = (float3)(0.0f);
+#endif
 #if EVERY_PROBE
     for (int i = 0; i < PROBES; ++i) {
         const int3 cell = (int3)(i % PROBES_X, i / PROBES_X % PROBES_Y, i / (PROBES_X * PROBES_Y));
@@ -96,9 +150,17 @@ inline float3 probe_irradiance(VOLUME_PARAMS, MAP_PARAMS, float3 position, float
         const float share = probe_share(VOLUME_ARGS, MAP_ARGS, probe, cell, at, point);
         if (share <= 0.0f)
             continue;
-        sum += share * held_irradiance(irradiance_maps, (size_t)probe * MAP_TEXELS(SIDE) + corner, f);
+        sum += share * held_light(irradiance_maps, (size_t)probe * MAP_TEXELS(SIDE) + corner, SIDE, f);
         shares += share;
+#if LOBE_STEPS
+        const float3 towards = place - probe_position(VOLUME_ARGS, probe);
+        *received += share * received_light(lobe_maps, probe, towards, roughness);
+#endif
     }
+#if LOBE_STEPS
+    if (shares > 0.0f)
+        *received /= shares;
+#endif
     return shares > 0.0f ? sum / shares : (float3)(0.0f);
 }
 

@@ -60,8 +60,14 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
         {"projection": "runtime", "sh_bands": 4, "exponent": 20.0},
     ],
     "ddgi": [{"average": "encoded"}],
-    "irradiance-probes": [{"storage": "fp32", "bounces": "1"}, {"update": "static"}],
-    "light-field-probes": [{"storage": "fp32", "bounces": "1"}, {"update": "static"}],
+    "irradiance-probes": [
+        {"storage": "fp32", "bounces": "1"},
+        {"update": "static", "gloss_steps": 2},
+    ],
+    "light-field-probes": [
+        {"storage": "fp32", "bounces": "1", "gloss_steps": 3},
+        {"update": "static"},
+    ],
 }
 
 # Techniques with kernels of their own in the layout ``simt``; the others' are those of ``tuned``

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gibench.techniques.parts.captured_probes.lobes import lobe_sides
 from gibench.techniques.parts.captured_probes.maps import texel_solid_angles
 from gibench.techniques.registry import BakeContext, find_technique
 from support.ddgi_oracle import bordered, lookup, surface, texel_directions
@@ -52,15 +53,14 @@ def randomise(technique, rng):
         device.write(held.distance, bordered(np.stack([mean, square], axis=-1)))
 
 
-def gather(technique, position, geometric, normal):
-    """Irradiance (n, 3) at points: every probe, weighed as its formula says."""
+def weights(technique, position, geometric):
+    """What each probe counts (n, p) at points, as its formula says."""
     held, read = technique.probes, technique.device.read
     settings, volume = technique._settings, held.baked.volume
     visible = held.distance is not None
     point = position + (settings.surface_bias if visible else 0.0) * geometric
     state = read(held.placed.data)[:, 3]
-    maps = read(held.irradiance).astype(np.float64)
-    total, weights = np.zeros((len(point), 3)), np.zeros(len(point))
+    found = np.zeros((len(point), volume.probes))
     for probe, centre in enumerate(volume.positions):
         if state[probe] != USABLE:
             continue
@@ -74,19 +74,73 @@ def gather(technique, position, geometric, normal):
                 settings.visibility_bias / held.baked.far,
                 *moments.T,
             )
-        total += share[:, None] * lookup(maps[probe], normal)[:, :3]
-        weights += share
-    return np.where(weights[:, None] > 0, total / np.maximum(weights, 1e-300)[:, None], 0.0)
+        found[:, probe] = share
+    return found
 
 
-def within_reach(technique, position, geometric):
-    """Points (n,) not within a thousandth of where a probe's trilinear share begins or ends, where
-    single precision knows little of the share."""
-    held, settings = technique.probes, technique._settings
-    volume = held.baked.volume
-    point = position + (settings.surface_bias if held.distance is not None else 0.0) * geometric
-    cells = np.abs(point[:, None] - volume.positions) / np.array(volume.spacing)
-    return (np.abs(1 - cells) > 1e-3).all(axis=(1, 2))
+def _mean(values, share):
+    """Over probes: values (n, p, 3) by share (n, p); 0 where none has one."""
+    total = share.sum(axis=1)
+    mean = np.einsum("npc,np->nc", values, share) / np.maximum(total, 1e-300)[:, None]
+    return np.where(total[:, None] > 0, mean, 0.0)
+
+
+def gather(technique, position, geometric, normal):
+    """Irradiance (n, 3) at points: every probe, weighed as its formula says."""
+    maps = technique.device.read(technique.probes.irradiance).astype(np.float64)
+    values = np.stack([lookup(own, normal)[:, :3] for own in maps], axis=1)
+    return _mean(values, weights(technique, position, geometric))
+
+
+def lobes_of(technique):
+    """Maps (p, s + 2, s + 2, 3) of each step of roughness, float64."""
+    settings, probes = technique._settings, technique.probes.baked.volume.probes
+    flat = technique.device.read(technique.probes.lobes).astype(np.float64)
+    found = []
+    for side in lobe_sides(settings.map_texels, settings.gloss_steps):
+        count = probes * (side + 2) ** 2
+        found.append(flat[:count, :3].reshape(probes, side + 2, side + 2, 3))
+        flat = flat[count:]
+    assert not len(flat)
+    return found
+
+
+def received(technique, scene, position, geometric, mirrored, roughness):
+    """Radiance (n, 3) from where points mirror, averaged over lobes: each probe looks at where the
+    ray leaves the scene's box.
+    """
+    low, high = scene.bounds
+    with np.errstate(divide="ignore"):
+        way = np.where(mirrored > 0, (high - position) / mirrored, (low - position) / mirrored)
+    place = position + np.maximum(way, 0).min(axis=1)[:, None] * mirrored
+    lobes, steps = lobes_of(technique), technique._settings.gloss_steps
+    at = roughness * (steps - 1)
+    lower = np.minimum(at.astype(int), steps - 2)
+    values = np.zeros((len(position), technique.probes.baked.volume.probes, 3))
+    for probe, centre in enumerate(technique.probes.baked.volume.positions):
+        d = place - centre
+        d /= np.linalg.norm(d, axis=1, keepdims=True)
+        each = np.stack([lookup(own[probe], d) for own in lobes])
+        n = np.arange(len(d))
+        part = (at - lower)[:, None]
+        values[:, probe] = (1 - part) * each[lower, n] + part * each[lower + 1, n]
+    return _mean(values, weights(technique, position, geometric))
+
+
+def prefiltered(radiance, side, steps):
+    """Maps (k, t, 3) of each step of radiance (k, side^2, 3): means by D(h) n . l about n."""
+    source, angle = texel_directions(side), texel_solid_angles(side)
+    found = [radiance]
+    for step, own in list(enumerate(lobe_sides(side, steps)))[1:]:
+        n, alpha = texel_directions(own), (step / (steps - 1)) ** 2
+        half = n[:, None] + source
+        half /= np.maximum(np.linalg.norm(half, axis=2, keepdims=True), 1e-12)
+        n_h = np.einsum("tx,tjx->tj", n, half)
+        facets = alpha**2 / (np.pi * (n_h**2 * (alpha**2 - 1) + 1) ** 2)
+        weight = facets * np.maximum(0, n @ source.T) * angle
+        mean = np.einsum("tj,kjc->ktc", weight, radiance)
+        found.append(mean / weight.sum(axis=1)[None, :, None])
+    return found
 
 
 def chebyshev(distance, bias, mean, square):

@@ -69,9 +69,9 @@ class LightFieldProbeSettings(CapturedProbeSettings):
             )
         if self.gather_rays < 1:
             raise BadInput(f"gather_rays is {self.gather_rays}", mend="give 1 or more")
-        if self.denoise < 0 or self.denoise > self.map_texels // 2:
+        if self.denoise < 0 or self.denoise > self.map_texels:
             raise BadInput(
-                f"denoise is {self.denoise}", mend=f"give 0 to {self.map_texels // 2}, half a map"
+                f"denoise is {self.denoise}", mend=f"give 0 to {self.map_texels}, a map's side"
             )
 
     @property

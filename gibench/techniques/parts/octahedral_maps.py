@@ -51,11 +51,18 @@ class OctahedralMaps:
         """Bytes of the borders of ``probes`` maps."""
         return probes * 4 * (self.side + 1) * self.channels * self.dtype.itemsize
 
-    def border_copy(self, maps: Buffer) -> Launch:
-        """The launch that copies borders from the texels they repeat (Majercik et al. 2019)."""
-        probes = maps.shape[0]
+    def border_copy(self, maps: Buffer, first: int = 0, probes: int | None = None) -> Launch:
+        """The launch that copies borders from the texels they repeat (Majercik et al. 2019).
+
+        Args:
+            maps: that lie in a buffer.
+            first: texel of the buffer that they begin with.
+            probes: how many they are of; by default as many as the buffer has rows.
+        """
+        probes = maps.shape[0] if probes is None else probes
         args = (
             updates("maps", maps),
+            integer("first", first),
             integer("probes", probes),
             integer("side", self.side),
             integer("words", self.channels * self.dtype.itemsize // 4),

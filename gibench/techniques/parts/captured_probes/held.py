@@ -10,11 +10,17 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats
 from gibench.device import Argument, Buffer, BufferSpec, Define, Device, reads
+from gibench.techniques.parts.captured_probes.lobes import (
+    lobe_buffer,
+    lobe_sides,
+    stored_lobes,
+)
 from gibench.techniques.parts.captured_probes.maps import bordered, stride, texel_table
 from gibench.techniques.parts.captured_probes.settings import CapturedProbeSettings
 from gibench.techniques.parts.captured_probes.stages import CapturedProbes
 from gibench.techniques.parts.octahedral_maps import OctahedralMaps
 from gibench.techniques.parts.placed_probes import ACTIVE, USABLE, PlacedProbes
+from gibench.techniques.parts.split_sum import split_sum_buffer, split_sum_table
 
 NO_FRONT = 0xFFFFFFFF
 UNITS = 65535  # of a barycentric weight, kernels_cl/parts/captured_relight.cl
@@ -36,6 +42,10 @@ def probe_bytes(settings: CapturedProbeSettings) -> int:
     """
     across, width = settings.map_texels + 2, irradiance_maps(settings).dtype.itemsize
     found = 16 + 4 * width * across**2
+    found += sum(
+        4 * width * (side + 2) ** 2
+        for side in lobe_sides(settings.map_texels, settings.gloss_steps)
+    )
     if settings.visibility:
         found += 2 * width * across**2
     if settings.relit:
@@ -55,6 +65,9 @@ class HeldProbes:
         irradiance: (p, side + 2, side + 2, 4) maps.
         distance: (p, side + 2, side + 2, 2) maps; None without visibility.
         capture: what probes are relit from; empty where they are lit once.
+        lobes: (texels, 4) radiance prefiltered for gloss (kernels_cl/parts/captured_lobes.cl); None
+            where surfaces are diffuse.
+        split_sum: the table of gibench.techniques.parts.split_sum; None likewise.
     """
 
     device: Device
@@ -64,6 +77,8 @@ class HeldProbes:
     irradiance: Buffer
     distance: Buffer | None
     capture: dict[str, Buffer]
+    lobes: Buffer | None = None
+    split_sum: Buffer | None = None
 
     @staticmethod
     def buffers(settings: CapturedProbeSettings, probes: int) -> list[BufferSpec]:
@@ -72,6 +87,9 @@ class HeldProbes:
         found = [*PlacedProbes.buffers(p), irradiance_maps(s).buffer("irradiance_maps", p)]
         if s.visibility:
             found.append(distance_maps(s).buffer("distance_maps", p))
+        if s.gloss_steps:
+            found.append(lobe_buffer(s.map_texels, s.gloss_steps, s.storage, p))
+            found.append(split_sum_buffer())
         if s.relit:
             each = s.relit_probes(p)
             found += [
@@ -107,6 +125,8 @@ class HeldProbes:
             irradiance=held["irradiance_maps"],
             distance=held.get("distance_maps"),
             capture={name: held[name] for name in names if name in held},
+            lobes=held.get("lobe_maps"),
+            split_sum=held.get("split_sum"),
         )
 
     @property
@@ -158,6 +178,11 @@ def _contents(
         data["distance_maps"] = np.zeros(shapes["distance_maps"], dtype)
         if baked.distance is not None:
             data["distance_maps"][:] = bordered(baked.distance, side)
+    if settings.gloss_steps:
+        data["split_sum"] = split_sum_table()
+        data["lobe_maps"] = np.zeros(shapes["lobe_maps"], dtype)
+        if baked.lobes:
+            data["lobe_maps"][:] = stored_lobes(baked.lobes, side)
     if settings.relit:
         for name in ("albedo", "emission"):
             data[f"captured_{name}"] = np.zeros(shapes[f"captured_{name}"], np.float16)

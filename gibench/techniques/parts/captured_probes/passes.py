@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,10 +26,13 @@ from gibench.techniques.parts.captured_probes.held import (
     distance_maps,
     irradiance_maps,
 )
+from gibench.techniques.parts.captured_probes.lobes import lobe_maps, lobe_texels
 from gibench.techniques.parts.captured_probes.resample import LEAST_WEIGHT
 from gibench.techniques.parts.captured_probes.schedule import Schedule
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.gloss_table import GlossTable
+from gibench.techniques.parts.split_sum import SPLIT_SUM_SIDE
 from gibench.techniques.technique import Pass, Work
 
 APPLICATION = "parts/captured_application.cl"
@@ -43,6 +46,11 @@ _PROBE_FLOPS = 54.0
 # four texels (18), the bound (12).
 _TEST_FLOPS = 63.0
 _IN_REACH = 8
+# With gloss, at a pixel: the direction that is mirrored (11), where it leaves the box (15), the
+# table (21), F0 and what is reflected (20); for each probe in reach the direction from it (14), two
+# texels (36), eight values of radiance (72), mixed and summed (16).
+_MIRROR_FLOPS = 67.0
+_RECEIVED_FLOPS = 138.0
 
 
 @dataclass
@@ -80,6 +88,7 @@ class ProbePasses:
     distance_sharpness: float
     application: Application = field(init=False)
     schedule: Schedule = field(init=False)
+    gloss: GlossTable = field(default=GlossTable(None), init=False)
     _fresh: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -94,16 +103,21 @@ class ProbePasses:
             slower=settings.far_slower,
         )
         each = _PROBE_FLOPS + (_TEST_FLOPS if settings.visibility else 0.0)
+        lookup = _LOOKUP_FLOPS
+        if settings.gloss_steps:
+            each, lookup = each + _RECEIVED_FLOPS, lookup + _MIRROR_FLOPS
+            self.gloss = GlossTable.upload(device, scene.scene)
         self.application = Application(
             scene=scene,
             hits=HitBuffer.create(device, scene.width, scene.height),
-            program=self._program(APPLICATION, lookup_defines(device)),
+            program=self._program(APPLICATION, {**lookup_defines(device), **self._lobes}),
             args=(
                 *scene.surfaces.shape_args,
                 *self.probes.volume_args,
                 *self.probes.map_args,
+                *self._lobe_args,
             ),
-            flops=_LOOKUP_FLOPS + min(_IN_REACH, volume.probes) * each,
+            flops=lookup + min(_IN_REACH, volume.probes) * each,
             packets=self.packets,
         )
 
@@ -136,7 +150,39 @@ class ProbePasses:
         program = self._program(APPLICATION, lookup_defines(self.probes.device))
         return Launch(program, "receiver_irradiance", args, items=count)
 
-    def _program(self, path: str, more: dict[str, int] | None = None) -> ProgramSpec:
+    @property
+    def _lobes(self) -> dict[str, Define]:
+        """Macros of what looks prefiltered radiance up; none where there is none."""
+        if not self.probes.settings.gloss_steps:
+            return {}
+        low, high = self.scene.scene.bounds
+        box = {
+            f"BOX_{end}_{axis}": float(value)
+            for end, corner in (("LOW", low), ("HIGH", high))
+            for axis, value in zip("XYZ", corner, strict=True)
+        }
+        return {
+            "LOBE_STEPS": self.probes.settings.gloss_steps,
+            "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE,
+            **box,
+            **self.gloss.defines,
+        }
+
+    @property
+    def _lobe_args(self) -> tuple[Argument, ...]:
+        """What reads it besides the maps."""
+        held, surfaces = self.probes, self.scene.surfaces
+        if held.lobes is None or held.split_sum is None:
+            return ()
+        return (
+            reads("lobe_maps", held.lobes),
+            reads("split_sum", held.split_sum),
+            reads("material_ids", surfaces.material_ids),
+            reads("materials", surfaces.materials),
+            *self.gloss.args,
+        )
+
+    def _program(self, path: str, more: Mapping[str, Define] | None = None) -> ProgramSpec:
         defines = self.probes.defines(not self.tuned, self.biases.surface, self.biases.visibility)
         return self.scene.program(path, {**defines, **(more or {})})
 
@@ -176,6 +222,18 @@ class ProbePasses:
                     lambda size: work if self._filters_distance else Work(),
                 )
             )
+        if held.lobes is not None:
+            maps = lobe_maps(s.map_texels, s.gloss_steps, s.storage)
+            borders += sum(own.border_bytes_of(count) for own in maps)
+            # Every pair of texels has a cosine (5); half of them are in front: the weight (9) and
+            # four sums (7). A mirror's map is copied.
+            own = lobe_texels(s.map_texels, s.gloss_steps)
+            prefiltering = Work(
+                flops=relit * (own - texels) * texels * (5 + 0.5 * 16),
+                bytes_read=relit * 12 * texels + 16 * texels,
+                bytes_written=relit * own * 4 * width,
+            )
+            found.append(Pass("prefilter", self._prefilter, prefiltering))
         found.append(
             Pass("border_copy", self._borders, Work(bytes_read=borders, bytes_written=borders))
         )
@@ -245,6 +303,26 @@ class ProbePasses:
 
         return [Launch(self._filter_program(1), "filter_distance", args, items=items)]
 
+    def _prefilter(self) -> Sequence[Launch]:
+        held, s = self.probes, self.probes.settings
+        assert held.lobes is not None
+        texels = lobe_texels(s.map_texels, s.gloss_steps)
+        args: tuple[Argument, ...] = (
+            reads("relit", held.capture["relit"]),
+            integer("relit_count", self.schedule.each_frame),
+            integer("lobe_texels", texels),
+            reads("texel_table", held.capture["texel_table"]),
+            reads("radiance", held.capture["radiance"]),
+            updates("lobe_maps", held.lobes),
+        )
+        defines = {
+            **self._filter_program(1).defines,
+            "LOBE_STEPS": s.gloss_steps,
+            "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE,
+        }
+        program = ProgramSpec("parts/captured_prefilter.cl", defines)
+        return [Launch(program, "prefilter", args, items=self.schedule.each_frame * texels)]
+
     @property
     def _filters_distance(self) -> bool:
         """Whether a probe's distances are not filtered yet, or it is done anyway, as published."""
@@ -272,4 +350,9 @@ class ProbePasses:
         found = [irradiance_maps(s).border_copy(held.irradiance)]
         if held.distance is not None:
             found.append(distance_maps(s).border_copy(held.distance))
+        first, probes = 0, held.baked.volume.probes
+        for maps in lobe_maps(s.map_texels, s.gloss_steps, s.storage):
+            assert held.lobes is not None
+            found.append(maps.border_copy(held.lobes, first, probes))
+            first += probes * (maps.side + 2) ** 2
         return found

@@ -22,6 +22,8 @@ from gibench.techniques.parts.probe_volume import (
 ANY: Final = "any"
 """Bounces without an end."""
 STATIC: Final = "static"
+MOST_STEPS: Final = 8
+"""Of roughness; maps of 128 texels are down to the least side at the fifth."""
 RELIT: Final = "relit"
 
 
@@ -73,6 +75,13 @@ class CapturedProbeSettings:
         "share of captured texels that show backs from which a probe lies inside a surface and "
         "counts for nothing; 1: all probes count, as published",
     )
+    gloss_steps: int = setting(
+        0,
+        "maps of radiance per probe, each prefiltered for a step of roughness from a mirror to the "
+        "roughest, for what surfaces of less than full roughness or of metal mirror; 0: surfaces "
+        "are diffuse, as in the published frame",
+        "maps",
+    )
     storage: str = setting("fp16", "fp16 or fp32 maps; 16 bits take half the memory")
     # -- light ---------------------------------------------------------------------------------
     update: str = setting(
@@ -113,6 +122,10 @@ class CapturedProbeSettings:
             raise BadInput(f"backface_threshold is {self.backface_threshold}", mend="give 0 to 1")
         if self.storage not in STORED:
             raise BadInput(f"storage is '{self.storage}'", mend=f"use {' or '.join(STORED)}")
+        if self.gloss_steps < 0 or self.gloss_steps == 1 or self.gloss_steps > MOST_STEPS:
+            raise BadInput(
+                f"gloss_steps is {self.gloss_steps}", mend=f"give 0, or 2 to {MOST_STEPS}"
+            )
         if self.update not in (RELIT, STATIC):
             raise BadInput(f"update is '{self.update}'", mend=f"use {RELIT} or {STATIC}")
         if not 0 < self.relit_share <= 1:

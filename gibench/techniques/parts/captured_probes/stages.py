@@ -20,6 +20,7 @@ from gibench.techniques.parts.captured_probes.lighting import (
     filtered_moments,
     lit_once,
 )
+from gibench.techniques.parts.captured_probes.lobes import prefiltered
 from gibench.techniques.parts.captured_probes.maps import texel_directions
 from gibench.techniques.parts.captured_probes.resample import ProbeMaps, Resampling, resampled
 from gibench.techniques.parts.captured_probes.settings import CapturedProbeSettings
@@ -74,6 +75,8 @@ class CapturedProbes:
         irradiance: (p, t, 3) float32, W/m2; None where probes are lit while frames run.
         distance: (p, t, 2) float32 filtered mean and mean square, in units of ``far``; None where
             there are none or they are filtered while frames run.
+        lobes: of each step of roughness (p, t, 3) float32 prefiltered radiance, W/m2/sr; empty
+            where there are none or they are filtered while frames run.
     """
 
     volume: Volume
@@ -82,6 +85,7 @@ class CapturedProbes:
     far: float
     irradiance: Floats | None = field(default=None, repr=False)
     distance: Floats | None = field(default=None, repr=False)
+    lobes: tuple[Floats, ...] = field(default=(), repr=False)
 
     @property
     def captured_bytes(self) -> int:
@@ -133,6 +137,7 @@ def probe_stages(name: str, context: BakeContext, asked: Asked) -> tuple[Stage, 
                 asked.visibility_bias,
                 asked.rays,
                 asked.denoise,
+                settings.gloss_steps,
                 needs=needs,
             ),
             compute=_light,
@@ -172,10 +177,17 @@ def _usable(asked: Asked, maps: Sequence[ProbeMaps]) -> npt.NDArray[np.bool_]:
     return np.array([own.back_share <= asked.settings.backface_threshold for own in maps])
 
 
-def _light(
-    asked: Asked, needed: Sequence[Any], unit: Unit, worker: Worker
-) -> tuple[Floats, Floats | None]:
-    """Irradiance (p, t, 3) and filtered distances (p, t, 2) of probes that are lit once."""
+@dataclass(frozen=True)
+class _Light:
+    """Of probes that are lit once: what :class:`CapturedProbes` has."""
+
+    irradiance: Floats = field(repr=False)
+    distance: Floats | None = field(repr=False)
+    lobes: tuple[Floats, ...] = field(repr=False)
+
+
+def _light(asked: Asked, needed: Sequence[Any], unit: Unit, worker: Worker) -> _Light:
+    """Light them."""
     maps: Sequence[ProbeMaps] = needed[0]
     scene, settings, volume = asked.scene, asked.settings, asked.volume
     distance, visibility = None, None
@@ -199,14 +211,20 @@ def _light(
         visibility=visibility,
         rays=rays,
     )
-    return lit.irradiance, distance
+    lobes: tuple[Floats, ...] = ()
+    if settings.gloss_steps:
+        lobes = prefiltered(lit.radiance, settings.map_texels, settings.gloss_steps)
+    return _Light(lit.irradiance, distance, lobes)
 
 
 def _whole(asked: Asked, needed: Sequence[Any], unit: Unit, worker: Worker) -> CapturedProbes:
     maps: tuple[ProbeMaps, ...] = needed[0]
-    light, distance = needed[1] if len(needed) > 1 else (None, None)
     volume = asked.volume
-    return CapturedProbes(volume, maps, _usable(asked, maps), far_plane(volume), light, distance)
+    found = CapturedProbes(volume, maps, _usable(asked, maps), far_plane(volume))
+    if len(needed) == 1:
+        return found
+    light: _Light = needed[1]
+    return replace(found, irradiance=light.irradiance, distance=light.distance, lobes=light.lobes)
 
 
 # How it is stored
@@ -226,11 +244,14 @@ def _read_maps(unit: Unit, stored: Arrays) -> ProbeMaps:
     return ProbeMaps(**arrays, back_share=float(back_share), captured_bytes=int(captured_bytes))
 
 
-def _write_light(light: tuple[Floats, Floats | None]) -> Arrays:
-    irradiance, distance = light
-    arrays: Arrays = {"irradiance": irradiance}
-    return arrays if distance is None else {**arrays, "distance": distance}
+def _write_light(light: _Light) -> Arrays:
+    arrays: Arrays = {"irradiance": light.irradiance}
+    if light.distance is not None:
+        arrays["distance"] = light.distance
+    return {**arrays, **{f"lobes-{step}": own for step, own in enumerate(light.lobes)}}
 
 
-def _read_light(unit: Unit, stored: Arrays) -> tuple[Floats, Floats | None]:
-    return stored["irradiance"], stored.get("distance")
+def _read_light(unit: Unit, stored: Arrays) -> _Light:
+    steps = sum(name.startswith("lobes-") for name in stored)
+    lobes = tuple(stored[f"lobes-{step}"] for step in range(steps))
+    return _Light(stored["irradiance"], stored.get("distance"), lobes)

@@ -17,6 +17,7 @@ from gibench.techniques.parts.captured_probes.stages import CapturedProbes
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.gloss_table import GlossTable
 from gibench.techniques.parts.standing_light import StandingLight
 from gibench.techniques.registry import TUNED, Knob, steps
 from gibench.techniques.technique import FloatArray, Pass
@@ -51,6 +52,7 @@ def declared(known: Known) -> list[BufferSpec]:
     return [
         *FrameScene.declared(known),
         *HeldProbes.buffers(settings, settings.volume(known.scene).probes),
+        *(GlossTable.buffers(known.scene) if settings.gloss_steps else ()),
         HitBuffer.spec(shot.width, shot.height),
     ]
 

@@ -184,7 +184,7 @@ def test_the_second_bounce_is_that_of_rays_traced_to_their_ends(rng):
         ({"gather": "rays"}, "relit gather from irradiance"),
         ({"gather_rays": 0}, "gather_rays is 0"),
         ({"denoise": -1}, "denoise is -1"),
-        ({"denoise": 5, "map_texels": 8}, "denoise is 5"),
+        ({"denoise": 9, "map_texels": 8}, "denoise is 9"),
     ],
 )
 def test_nonsense_gets_one_clear_line(values, message):

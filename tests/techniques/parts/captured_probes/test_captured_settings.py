@@ -27,6 +27,9 @@ WRONG = [
     ({"sharpness": -0.5}, "sharpness is -0.5"),
     ({"sharpness": float("nan")}, "finite"),
     ({"storage": "fp8"}, "fp32 or fp16"),
+    ({"gloss_steps": 1}, "gloss_steps is 1"),
+    ({"gloss_steps": -2}, "gloss_steps is -2"),
+    ({"gloss_steps": 9}, "gloss_steps is 9"),
     ({"update": "sometimes"}, "relit or static"),
     ({"bounces": "0"}, "bounces is '0'"),
     ({"bounces": "several"}, "bounces is 'several'"),
@@ -90,12 +93,12 @@ def scene_with_camera(scene):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("update", ["static", "relit"])
-@pytest.mark.parametrize("storage", ["fp16", "fp32"])
-def test_memory_of_a_probe_in_closed_form(name, update, storage):
+@pytest.mark.parametrize(("storage", "steps"), [("fp16", 0), ("fp32", 0), ("fp16", 5)])
+def test_memory_of_a_probe_in_closed_form(name, update, storage, steps):
     """By what another sixteen probes take, what a frame's share of them shares taken out."""
-    asked = {"map_texels": 128, "update": update, "storage": storage}
+    asked = {"map_texels": 128, "update": update, "storage": storage, "gloss_steps": steps}
     settings = find_technique(name).settings(asked)
-    shared = ("relit", "radiance", "texel_table", "volume")
+    shared = ("relit", "radiance", "texel_table", "volume", "split_sum")
     held = [
         sum(b.nbytes for b in HeldProbes.buffers(settings, n) if b.name not in shared)
         for n in (16, 32)
@@ -136,3 +139,14 @@ def test_far_probes_wait_longer_and_none_is_forgotten():
     for _ in range(500):
         counts[schedule.next((9.0, 0.0, 0.0))[0] - 5] += 1
     assert counts[5:].min() > 3 * counts[:4].max()
+
+
+def test_the_published_memory_of_an_irradiance_probe():
+    """149.25 KB: a map of irradiance and a chain of five of radiance, without borders, in the 4
+    bytes of a texel that Anonymous 2022 (section 4.2.1) gives them, R11G11B10Float.
+    """
+    texels = 128**2 + sum(side**2 for side in (128, 64, 32, 16, 8))
+    assert 4 * texels / 1024 == 149.25
+    settings = find_technique("irradiance-probes").settings({"update": "static", "gloss_steps": 5})
+    borders = 4 * (128 + 1) + sum(4 * (side + 1) for side in (128, 64, 32, 16, 8))
+    assert probe_bytes(settings) == 16 + 8 * (texels + borders)
