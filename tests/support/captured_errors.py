@@ -166,7 +166,7 @@ def main(names: list[str]) -> None:
             away = x - float(np.mean(middle, axis=0)[0])
             sides = (away < -0.05, away > 0.05)
             halves.append(max(sides, key=lambda own: float(study.truth[own].mean())))
-        for budget in (16, 64, 256, 1024):
+        for budget in (16, 64, 256):
             probes = Probes(study, budget)
             own, rays, true = probes.lit(), probes.lit(1), probes.truly_lit()
             found = {
