@@ -66,9 +66,10 @@ inline float3 glossy_reflectance(float3 n, float3 v, float3 l, float alpha, floa
 //   split_sum  (SPLIT_SUM_SIDE, SPLIT_SUM_SIDE) of 2: rows roughness, columns n . v
 inline float3 glossy_share(__global const float *split_sum, float3 f0, float n_v, float roughness)
 {
-    const float2 at = clamp((float2)(n_v, roughness) * SPLIT_SUM_SIDE - 0.5f, 0.0f,
-                            (float)(SPLIT_SUM_SIDE - 1));
-    const int2 first = min(convert_int2(at), SPLIT_SUM_SIDE - 2);
+    const float2 at = clamp((float2)(n_v, roughness) * SPLIT_SUM_SIDE - 0.5f, (float2)(0.0f),
+                            (float2)(SPLIT_SUM_SIDE - 1));
+    // Both operands vectors: Oclgrind 21.10 takes the least of the first component alone otherwise.
+    const int2 first = min(convert_int2(at), (int2)(SPLIT_SUM_SIDE - 2));
     const float2 f = at - convert_float2(first);
     const int corner = first.y * SPLIT_SUM_SIDE + first.x;
     const float2 upper = mix(vload2(corner, split_sum), vload2(corner + 1, split_sum), f.x);

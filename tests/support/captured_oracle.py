@@ -143,6 +143,16 @@ def prefiltered(radiance, side, steps):
     return found
 
 
+def within_reach(technique, position, geometric):
+    """Points (n,) not within a thousandth of where a probe's trilinear share begins or ends, where
+    single precision knows little of the share."""
+    held, settings = technique.probes, technique._settings
+    volume = held.baked.volume
+    point = position + (settings.surface_bias if held.distance is not None else 0.0) * geometric
+    cells = np.abs(point[:, None] - volume.positions) / np.array(volume.spacing)
+    return (np.abs(1 - cells) > 1e-3).all(axis=(1, 2))
+
+
 def chebyshev(distance, bias, mean, square):
     """The cubed bound (Donnelly and Lauritzen 2006)."""
     variance = np.abs(mean**2 - square)
