@@ -217,6 +217,29 @@ def test_irradiance_of_known_radiance(rng, side):
     np.testing.assert_allclose(found, expected, atol=8.0 / side**2 * expected.max())
 
 
+def test_irradiance_is_that_of_the_published_grid_of_angles(rng):
+    """Anonymous 2022, listing 4.2: 500 steps of azimuth by 125 of the zenith, each weighed by
+    cos sin, the radiance map looked up bilinearly. Within 1 % of the brightest texel at 32 texels.
+    """
+    side, step = 32, 2 * np.pi / 500
+    d = maps.texel_directions(side)
+    window = np.where(d @ unit(rng, 1)[0] > 0.95, 10.0, 0.1)
+    radiance = np.stack([1 + d @ rng.uniform(-0.5, 0.5, 3), rng.random(side**2), window], axis=1)
+    found = lighting.filtered_irradiance(radiance[None].astype(np.float32), side)[0]
+    zenith, azimuth = np.meshgrid(np.arange(125) * step, np.arange(500) * step)
+    t, p = zenith.ravel(), azimuth.ravel()
+    for texel in rng.integers(0, side**2, 6):
+        right = np.cross([0.0, 1.0, 0.0], n := d[texel])
+        right /= np.linalg.norm(right)
+        tangent = np.stack([np.cos(p) * np.sin(t), np.sin(p) * np.sin(t), np.cos(t)], axis=1)
+        place, share = maps.bilinear(tangent @ np.stack([right, np.cross(n, right), n]), side)
+        seen = np.einsum("nk,nkc->nc", share, radiance[place])
+        # The listing's figure is irradiance over pi.
+        expected = np.pi**2 * (seen * (np.cos(t) * np.sin(t))[:, None]).mean(axis=0)
+        off = np.abs(found[texel] - expected) / found.max(axis=0)
+        assert off.max() < 0.01
+
+
 @pytest.mark.parametrize("sharpness", [1.0, 30.0, 500.0])
 def test_distances_are_filtered_by_their_lobe(rng, sharpness):
     moments = rng.uniform(0, 1, (3, 64, 2)).astype(np.float32)
