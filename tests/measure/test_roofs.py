@@ -71,6 +71,12 @@ def test_the_roof_kernels_do_what_they_say(
     expected = np.repeat(chains.sum(axis=1), width)
     np.testing.assert_allclose(device.read(sums), expected, rtol=1e-5)
 
+    nothing = np.zeros(count * width, np.float32)
+    device.write(out, nothing)
+    launch("roof_launch", out.mem)
+    nothing[0] = 1.0
+    np.testing.assert_array_equal(device.read(out), nothing)
+
 
 def test_the_environment_holds_nothing_personal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("POCL_CACHE_DIR", "/home/alice/secret/cache")
