@@ -1,4 +1,4 @@
-"""What is run under Oclgrind: one case is one start of the simulator.
+"""What is run under Oclgrind: one case is one fork of its process (forks.py).
 
 Every variant runs with every work-group size and with every choice of settings, but not with every
 pair of the two: those are ``SLOW``.
