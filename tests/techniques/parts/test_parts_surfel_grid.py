@@ -131,6 +131,27 @@ def test_tuned_lists_hold_the_cells_that_are_reached(rng, kind, size):
     assert decided or not len(position)
 
 
+@pytest.mark.parametrize("size", [1, 24, 256])
+def test_tuned_lists_hold_the_present_irradiance_beside_them(rng, size):
+    """A row for each of the mean's channels and of the nearest hits follows the surfels; the others
+    (place, normal, radius) stay.
+    """
+    position = random_positions("random", rng).astype(np.float32)
+    normal, device = unit_vectors(len(position), rng), any_size_device()
+    radius = 0.7 * UNIFORM.cell
+    _, _, sorter = sorted_lists(rng, device, UNIFORM, position, normal, radius, False, size=size)
+    surfels, (_, ids) = sorter.surfels, sorter.read_lists()
+    before = device.read(sorter.packed)[:, : len(ids)]
+    mean, nearest = (rng.random(one.shape, np.float32) for one in (surfels.mean, surfels.nearest))
+    device.write(surfels.mean, mean)
+    device.write(surfels.nearest, nearest)
+    run(device, sorter.refresh_irradiance(), size)
+    after = device.read(sorter.packed)[:, : len(ids)]
+    changed = np.flatnonzero((after != before).any(axis=1))
+    assert len(changed) == 4 and len(ids) > len(position)
+    np.testing.assert_array_equal(after[changed], [*mean[:, ids], nearest[ids]])
+
+
 def perspective_cells(grid, position, camera):
     """Float64: every point's cell, and how far it is from the nearest border, in cells."""
     p = position.astype(np.float64) - camera
