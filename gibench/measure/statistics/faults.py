@@ -27,6 +27,8 @@ LEAST_CHANGE = 0.01
 """Of the light, root mean square: what changes by less does not change."""
 HALF, NEARLY = 0.5, 0.95
 """Of the way from the old light to the new one."""
+ROUNDING = 1e-9
+"""Of the way: what sums over receivers may be off by where light is exactly half way."""
 NAN, NEVER = float("nan"), float("inf")
 
 
@@ -197,7 +199,8 @@ def frames_until(shares: Sequence[float], share: float) -> float:
     """The first frame, counted from 1, that has come ``share`` of the way; ``NEVER`` where none
     has.
     """
-    return next((float(n) for n, value in enumerate(shares, 1) if value >= share), NEVER)
+    least = share - ROUNDING
+    return next((float(n) for n, value in enumerate(shares, 1) if value >= least), NEVER)
 
 
 def _noise(truth: Doubles, stderr: Doubles) -> Doubles:
