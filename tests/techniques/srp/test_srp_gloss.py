@@ -19,7 +19,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 def glossy_scene(rng, maps):
     """Random materials, and images of roughness and metalness on half of the triangles."""
-    scene = random_scene(rng)
+    scene = random_scene(rng, 300)
     materials = tuple(
         replace(m, roughness=float(rng.uniform(0.5, 1)), metalness=float(rng.uniform(0, 1)))
         for m in scene.materials
