@@ -42,7 +42,7 @@ def test_means_are_integrals(rng: np.random.Generator) -> None:
     for mean, corners in zip(found, uvs, strict=True):
         is_line = abs(np.linalg.det(corners[1:] - corners[0])) < 1e-9
         wanted = sampled_mean(pixels, corners)
-        np.testing.assert_allclose(mean, wanted, rtol=0.15 if is_line else 2e-4)
+        np.testing.assert_allclose(mean, wanted, rtol=5e-3 if is_line else 2e-4)
     half = np.zeros((64, 64, 3), np.float32)
     half[:, :32] = 1
     whole = covered_mean(half, np.array([[(0, 0), (1, 0), (1, 1)]], float))

@@ -113,7 +113,7 @@ def test_unique_rows_are_those_of_a_lexicographic_sort(rng: np.random.Generator)
 def test_faces_in_one_plane_are_found_in_any_portions(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    centre = rng.uniform(0, 10, (300, 1, 2))
+    centre = rng.uniform(0, 40, (300, 1, 2))
     outlines = centre + rng.normal(size=(300, 3, 2)) * rng.choice([0.1, 0.5, 3.0], (300, 1, 1))
     front = rng.random(300) < 0.5
     at_once = backs._overlapping(outlines, front, 1e-6)

@@ -190,12 +190,15 @@ def test_texture_average_against_brute_force(rng, shape):
     pixels = rng.uniform(0, 1, (*shape, 3)).astype(np.float32)
     uvs = rng.uniform(-2, 2, (12, 1, 2)) + rng.uniform(-0.3, 0.3, (12, 3, 2))
     b = rng.dirichlet([1, 1, 1], 200_000)
+    shares = []
     for triangle, mean in zip(uvs, mean_texture(pixels, uvs), strict=True):
         brute = bilinear(pixels.astype(np.float64), b @ triangle).mean(axis=0)
         # White noise, the worst of images: what is left is the outline, where the average takes or
         # leaves a pixel of standard deviation 0.29.
         covered = abs(doubled_areas(triangle[None])[0]) / 2 * shape[0] * shape[1]
-        np.testing.assert_allclose(mean, brute, atol=0.02 + 0.3 / np.sqrt(1 + covered))
+        shares.append(np.abs(mean - brute) / (0.02 + 0.3 / np.sqrt(1 + covered)))
+    # Noise: of some thousand triangles one is a little further off, but never most of a dozen.
+    assert np.sqrt(np.mean(np.square(shares))) < 0.6 and np.max(shares) < 1.4
 
 
 def test_slivers_average_all_they_cross():

@@ -103,6 +103,11 @@ def bilinear(image: Doubles, uv: Doubles) -> Doubles:
 
 # Triangles that cover more texels than this are averaged by samples.
 _MOST_EXACT = 1 << 22
+# Twice the area over the square of the sides of what counts as a line in the image: clipping says
+# nothing of it.
+_FLAT = 1e-9
+# Lines of an image that are averaged at once.
+_LINES = 256
 
 
 def covered_mean(pixels: Floats, uvs: Doubles) -> Doubles:
@@ -110,8 +115,8 @@ def covered_mean(pixels: Floats, uvs: Doubles) -> Doubles:
 
     Between the centres of texels a bilinear image is a polynomial of second degree, whose mean over
     a triangle is that over the middles of its sides; so triangles are cut along lines through the
-    centres. Those without an area in the image, and those that cover millions of texels, are
-    averaged over samples (:func:`mean_texture`).
+    centres. Those without an area in the image are averaged along their line; those that cover
+    millions of texels over samples (:func:`mean_texture`).
     """
     height, width = pixels.shape[:2]
     image = pixels.astype(np.float64)
@@ -132,9 +137,33 @@ def covered_mean(pixels: Floats, uvs: Doubles) -> Doubles:
     found = shares > 0.5
     result = np.empty((len(uvs), 3))
     result[found] = sums[found] / shares[found, None]
-    if not found.all():
-        result[~found] = mean_texture(pixels, uvs[~found])
+    a, b = at[:, 1] - at[:, 0], at[:, 2] - at[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    flat = np.flatnonzero(exact & (~found | (area < _FLAT * (a**2 + b**2).sum(axis=1))))
+    for part in np.array_split(flat, -(-len(flat) // _LINES)) if len(flat) else ():
+        result[part] = _line_mean(image, uvs[part], spans[part].max())
+    if not exact.all():
+        result[~exact] = mean_texture(pixels, uvs[~exact])
     return result
+
+
+def _line_mean(image: Doubles, uvs: Doubles, texels: float) -> Doubles:
+    """Mean (m, 3) over triangles (m, 3, 2) that are a line in the image, or a point.
+
+    The area over a stretch of the line rises from one end to the middle corner, then falls.
+    """
+    sides = uvs - np.roll(uvs, 1, axis=1)
+    rows = np.arange(len(uvs))
+    longest = (sides**2).sum(axis=2).argmax(axis=1)
+    along, start = sides[rows, longest], uvs[rows, longest - 1]
+    between = uvs[rows, longest - 2] - start
+    square = np.maximum((along**2).sum(axis=1), 1e-300)
+    middle = np.clip((between * along).sum(axis=1) / square, 1e-9, 1 - 1e-9)[:, None]
+    t = (np.arange(count := int(16 * texels) + 16) + 0.5)[None] / count
+    weights = np.minimum(t / middle, (1 - t) / (1 - middle))
+    at = start[:, None] + t[..., None] * along[:, None]
+    values = bilinear(image, at.reshape(-1, 2)).reshape(len(uvs), count, -1)
+    return np.asarray((values * weights[..., None]).sum(axis=1) / weights.sum(axis=1)[:, None])
 
 
 def mean_emission(scene: Scene, triangle: Longs, barycentric: Doubles) -> Doubles:
