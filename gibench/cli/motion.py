@@ -1,4 +1,4 @@
-"""The option that lets objects move."""
+"""The option that lets objects move and materials change."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ MotionChoice = Annotated[
     typer.Option(
         "--motion",
         metavar="rest|scene|FILE",
-        help="What the scene's objects do: rest; move as the scene describes "
-        "(its [[motion]] tables; of the built-in ones, hall and atrium); or as a TOML file with "
-        "such tables does. The tree is refitted every frame. For direct, ddgi and gibs.",
+        help="What the scene's objects and materials do: rest; move and change as the scene "
+        "describes (its [[motion]] tables; of the built-in ones, hall, hall-door and atrium); or "
+        "as a TOML file with such tables does. The tree is refitted every frame.",
         rich_help_panel=OUTPUT,
     ),
 ]
-RestOnly = Annotated[str, typer.Option("--motion", hidden=True)]

@@ -227,7 +227,7 @@ LightFrame = Annotated[
         "--light-frame",
         min=0,
         metavar="N",
-        help="The lights stand still where they are in this frame.",
+        help="Lights and what moves stand still where they are in this frame.",
         rich_help_panel=TRUTH,
     ),
 ]

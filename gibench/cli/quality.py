@@ -82,7 +82,7 @@ def quality(
     camera_path: flight.CameraPathChoice = "rest",
     rest_frames: flight.RestFrames = 60,
     flight_frames: flight.FlightFrames = 240,
-    moving: motion.RestOnly = "rest",
+    moving: motion.MotionChoice = "rest",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -104,8 +104,9 @@ def quality(
 ) -> None:
     """Compare techniques with the path-traced truth at the same receivers.
 
-    Lights stand still and every technique runs until its indirect light does. Errors carry the
-    reference's own uncertainty: a difference below it is called none.
+    Lights and objects stand still where they are in --light-frame, and every technique runs until
+    its indirect light stands still, too. Errors carry the reference's own uncertainty: a difference
+    below it is called none.
 
     Examples:
 
@@ -116,6 +117,8 @@ def quality(
       gibench quality -t gibs --camera-path flight --frames 1024
 
       gibench quality -t ddgi -t gibs --scene two-rooms --no-faults
+
+      gibench quality -t ddgi --scene hall --motion scene --light-frame 60
 
       gibench quality --scene blue-orange-box --region shadow=0.3,0.5,0.4,0.7
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.device.selection import select_cl_device
-from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted
+from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted, printable
 from gibench.measure.machine.environment import cpu_name
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
@@ -25,6 +25,7 @@ from gibench.study.quality_rows import Group, QualityOptions, columns
 from gibench.study.receivers_file import NAME, write_receivers
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
+from gibench.techniques.job import Job
 from gibench.work import Executor
 
 
@@ -116,13 +117,14 @@ def quality(
 
     Raises:
         BadInput: an input is wrong.
-        CannotRun: no work-group size asked suits any profile asked, or objects move.
+        CannotRun: no work-group size asked suits any profile asked.
         GibenchError: the folder cannot be written.
     """
     given = locals()
     arguments = asked.recorded(given, *_ALSO_RECORDED)
     arguments["reference"] = reference and Path(reference).name
-    jobs = asked.jobs_of(given)
+    arguments["motion"] = printable(Path(motion).name)
+    jobs = [_held(job, light_frame) for job in asked.jobs_of(given)]
     flight = jobs[0].shot.flight
     if frames <= flight.frames:
         raise BadInput(
@@ -151,7 +153,8 @@ def quality(
     check_views(jobs, how, site)
     profiles = list(dict.fromkeys(job.profile.name for job in jobs))
     folder = asked.folder_for(out, "quality", profiles, arguments)
-    folder.write_record(study_record(arguments, cl_device))
+    record = study_record(arguments, cl_device) | {"motion": jobs[0].shot.motion.record()}
+    folder.write_record(record)
     axes = axes_of(jobs)
     keeper = _Keeper(folder.path, several)
     outcome = compare(jobs, how, site, axes=axes, executor=executor, take=keeper)
@@ -165,6 +168,13 @@ def quality(
         if profiled(table):
             plot_faults(folder.path / "faults", table)
     return QualityResult(folder.path, table, outcome.groups, verdict(outcome, folder.path))
+
+
+def _held(job: Job, frame: int) -> Job:
+    """``job`` with what moves standing for ever where it is in ``frame``, as its lights do."""
+    if not (motion := job.shot.motion).moves:
+        return job
+    return replace(job, shot=replace(job.shot, motion=replace(motion, held=frame)))
 
 
 @dataclass(frozen=True)

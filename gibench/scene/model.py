@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Floats, Ints, Vec3
+from gibench.scene.colours import Change
 from gibench.scene.cutouts import Cutouts
 from gibench.scene.gloss import GlossMaps
 from gibench.scene.glow import Glow
 from gibench.scene.normal_maps import NormalMaps
-from gibench.scene.poses import Motion
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
 
@@ -317,7 +317,7 @@ class Scene:
         lightmap_uvs: (v, 2) float32 in [0, 1], or None where the file has none.
         receivers: number of receivers to aim for unless the user says otherwise.
         regions: parts of the image whose error is told apart; no result depends on them.
-        motions: of its objects, at rest unless a run follows them.
+        motions: of its objects and materials, at rest unless a run follows them.
         warnings: what was dropped while loading, one line each, with counts.
         origin: the point of the file's space where this scene has its origin, m; not 0, 0, 0 where
             the file lies far from its own (``readers/recentre.py``).
@@ -345,7 +345,7 @@ class Scene:
     receivers: int = 100_000
     regions: tuple[Region, ...] = ()
     object_names: tuple[str, ...] = field(default=(), repr=False)
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[Change, ...] = ()
     warnings: tuple[str, ...] = ()
     origin: Vec3 = BLACK
     cutouts: Cutouts | None = field(default=None, repr=False)

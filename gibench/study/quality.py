@@ -69,13 +69,14 @@ def check_views(jobs: Sequence[Job], options: QualityOptions, site: Site) -> Non
 
     Raises:
         BadInput: naming it.
-        CannotRun: objects move.
+        CannotRun: objects move, and are not held.
     """
     check_target_error(options.target_error)
     check_paths(options.reference_paths, "--reference-paths")
     for job in jobs:
         refuse_motion(job.shot)
         scene = site.standing(options.light_frame).scene(job.scene)
+        job.shot.motion.of(scene)
         camera = choose_camera(scene, job.shot.camera)
         read_regions(scene, camera, options.regions, job.shot.width, job.shot.height)
     if options.reference is not None and not options.reference.is_file():
@@ -229,6 +230,9 @@ def _new_group(job: Job, options: QualityOptions, shared: FrozenShared) -> Group
     camera = choose_camera(scene, shot.camera)
     receivers = job.receivers or scene.receivers
     lightmap = shared.lightmap(job.scene, receivers)
+    if (motion := shot.motion.of(scene)) is not None:
+        lightmap = motion.lightmap_in(scene, lightmap, options.light_frame)
+        scene = motion.scene_in(scene, options.light_frame)
     about = {
         "scene": scene.content_hash(),
         "scene_name": scene.name,

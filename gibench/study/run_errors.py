@@ -18,7 +18,7 @@ from gibench.arrays import Doubles
 from gibench.errors import GibenchError
 from gibench.reference import metrics
 from gibench.reference.path_tracer import reference_irradiance
-from gibench.scene.lightmap import Fragments, Lightmap, Receivers
+from gibench.scene.lightmap import Lightmap, some_receivers
 from gibench.study.settle import Settled, SettleOptions, settle
 from gibench.study.site import Site
 from gibench.techniques.job import Job
@@ -107,32 +107,6 @@ def _quick_truth(
         executor=site.executor,
     )
     return chosen, found.value, found.stderr
-
-
-def some_receivers(lightmap: Lightmap, chosen: npt.NDArray[np.intp]) -> Lightmap:
-    """``lightmap`` with the receivers ``chosen`` (ascending indices) alone."""
-    receivers, fragments = lightmap.receivers, lightmap.fragments
-    counts = np.diff(fragments.start)[chosen]
-    start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-    first = np.repeat(fragments.start[chosen] - start[:-1], counts)
-    kept = np.arange(start[-1]) + first
-    return replace(
-        lightmap,
-        receivers=Receivers(
-            texel=receivers.texel[chosen],
-            position=receivers.position[chosen],
-            normal=receivers.normal[chosen],
-            albedo=receivers.albedo[chosen],
-            emission=receivers.emission[chosen],
-            area=receivers.area[chosen],
-        ),
-        fragments=Fragments(
-            start=start,
-            corners=fragments.corners[kept],
-            triangle=fragments.triangle[kept],
-            area=fragments.area[kept],
-        ),
-    )
 
 
 def measurable(jobs: Sequence[tuple[int, Job]]) -> list[tuple[int, Job]]:

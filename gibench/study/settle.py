@@ -1,4 +1,4 @@
-"""A technique run under standing lights until its indirect light stands still."""
+"""A technique run until its indirect light stands still, lights and objects standing."""
 
 from __future__ import annotations
 
@@ -174,12 +174,12 @@ def settle(
 
 
 def refuse_motion(shot: Shot) -> None:
-    """Refuse objects that move: nothing settles, and there is no truth to settle on.
+    """Refuse objects that move on: nothing settles, and there is no truth to settle on.
 
     Raises:
-        CannotRun: they do.
+        CannotRun: they do, and are not held where they are in one frame.
     """
-    if shot.motion.moves:
+    if shot.motion.moves and shot.motion.held is None:
         raise CannotRun(
             "light settles, and has a path-traced truth, only where all objects rest",
             where="--motion",

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.errors import BadInput, CannotRun
@@ -29,6 +30,7 @@ from gibench.measure.statistics.faults import (
 )
 from gibench.progress import progress as progress_bar
 from gibench.reference.luminance import luminance
+from gibench.scene.colours import Colours
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.scene.motion.moving_objects import MovingObjects
@@ -106,10 +108,15 @@ class Altered(Shared):
         return self._base.lightmap(name_or_path, receivers)
 
     def baked(
-        self, spec: TechniqueSpec, settings: object, name_or_path: str, receivers: int
+        self,
+        spec: TechniqueSpec,
+        settings: object,
+        name_or_path: str,
+        receivers: int,
+        moving: npt.NDArray[np.bool_] | None = None,
     ) -> tuple[Lightmap, object]:
         """That of ``base``."""
-        return self._base.baked(spec, settings, name_or_path, receivers)
+        return self._base.baked(spec, settings, name_or_path, receivers, moving)
 
 
 @dataclass
@@ -196,8 +203,9 @@ def object_lag(
 ) -> tuple[float, float]:
     """Frames until half and until 95 % of what an object that is put back changes is there.
 
-    nan where the technique's indirect light does not follow objects, or no object of the scene can
-    be moved or changes the light; inf where it does not follow within ``FOLLOW_FRAMES``.
+    nan where the technique's indirect light does not follow objects or it would have to be baked
+    anew, where objects are held in a frame of their motion already, or where no object of the scene
+    can be moved or changes the light; inf where it does not follow within ``FOLLOW_FRAMES``.
 
     Args:
         job: at rest.
@@ -210,7 +218,9 @@ def object_lag(
         GibenchError: a pass failed.
     """
     spec = find_technique(job.technique)
-    if Follows.INDIRECT_LIGHT not in spec.follows:
+    if Follows.INDIRECT_LIGHT not in spec.follows or spec.bakes_what_rests:
+        return NAN, NAN
+    if job.shot.motion.moves:
         return NAN, NAN
     motions = taken_away(base.scene(job.scene), frames, frames + AWAY_FRAMES)
     if not motions:
@@ -240,7 +250,8 @@ def taken_away(scene: Scene, gone: int, back: int) -> tuple[Keyframes, ...]:
     those that the scene itself moves, else the one of most surface that is no wall or floor. It
     lies beneath the scene meanwhile. Empty where no object can be moved.
     """
-    names = dict.fromkeys(motion.name for motion in scene.motions) or _by_surface(scene)
+    moving = [one.name for one in scene.motions if not isinstance(one, Colours)]
+    names = dict.fromkeys(moving) or _by_surface(scene)
     bottom = float(scene.bounds[0][1])
     moved: list[Keyframes] = []
     for name in names:
@@ -259,7 +270,7 @@ def taken_away(scene: Scene, gone: int, back: int) -> tuple[Keyframes, ...]:
         except BadInput:  # it shares vertices with another
             continue
         moved.append(motion)
-        if not scene.motions:
+        if not moving:
             break
     return tuple(moved)
 

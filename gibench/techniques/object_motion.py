@@ -9,10 +9,10 @@ from typing import Final
 
 from gibench.errors import BadInput
 from gibench.scene.builtin import moving_names
+from gibench.scene.colours import Change
 from gibench.scene.model import Scene
 from gibench.scene.motion.file import load_motions, motions_hash
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.scene.poses import Motion
 from gibench.scene.readers.recentre import motions_from_file
 
 REST: Final = "rest"
@@ -25,16 +25,18 @@ class MotionOptions:
 
     Attributes:
         path: ``rest``; ``scene``, as the scene describes; or a TOML file of ``[[motion]]`` tables.
+        held: the frame in which all stands still, for its truth; None to let it move.
     """
 
     path: str = REST
+    held: int | None = None
 
     @property
     def moves(self) -> bool:
         """Whether anything moves."""
         return self.path != REST
 
-    def motions(self, scene: Scene) -> tuple[Motion, ...]:
+    def motions(self, scene: Scene) -> tuple[Change, ...]:
         """What moves in ``scene``; nothing at rest.
 
         Raises:
@@ -67,7 +69,7 @@ class MotionOptions:
         if not (motions := self.motions(scene)):
             return None
         try:
-            return MovingObjects.of(scene, motions)
+            return MovingObjects.of(scene, motions, self.held)
         except BadInput as error:
             where = "--motion" if self.path == SCENE else self.path
             raise BadInput(error.what, where=where, mend=error.mend) from error

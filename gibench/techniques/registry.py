@@ -10,6 +10,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from gibench.bake.run import BakeReport, bake_seconds, run_bake
 from gibench.bake.stage import Stage
 from gibench.device import BufferSpec, Device
@@ -38,6 +41,8 @@ class BakeContext:
         settings: the technique's own settings dataclass.
         cache_dir: where baked data is kept.
         seed: of every random choice.
+        moving: (t,) which of the scene's triangles will move; None where all rest. A technique may
+            leave them out of what it bakes.
     """
 
     scene: Scene
@@ -45,6 +50,7 @@ class BakeContext:
     settings: Any
     cache_dir: Path
     seed: int = 0
+    moving: npt.NDArray[np.bool_] | None = None
 
 
 class Follows(Enum):
@@ -65,6 +71,7 @@ class Wakes(Enum):
     CAMERA = "the camera flies"
     OBJECTS = "objects move"
     LIGHTS = "lights move"
+    """Or what surfaces send out changes: their albedo or emission."""
 
 
 def no_sweep(scene: Scene) -> Mapping[str, tuple[Any, ...]]:
@@ -147,6 +154,8 @@ class TechniqueSpec:
             told likewise.
         follows: what of it follows objects that move; what holds only for the scene at rest (a
             bake) does not. One that does not follow with its direct light is not run with motion.
+        bakes_what_rests: whether it leaves what moves out of its bake, so that with motion it is
+            baked anew.
         woken_by: what, where it moves, keeps it from ever being at rest
             (:class:`gibench.techniques.technique.KnowsItsRest`).
         counts: those of :meth:`Technique.counts` that tables show; by name, the one that stands for
@@ -170,6 +179,7 @@ class TechniqueSpec:
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
     leaks: Callable[[Job, Scene], list[str]] = no_leaks
     follows: frozenset[Follows] = frozenset()
+    bakes_what_rests: bool = False
     woken_by: frozenset[Wakes] = frozenset(Wakes)
     counts: Mapping[str, str] = field(default_factory=dict)
     long_bake: bool = False

@@ -1,6 +1,14 @@
 // Probe update for devices that run work-items in lockstep: a work-group per probe, neighbours on
 // neighbouring coefficients, the samples shared out between rows of work-items.
 // Macros: SAMPLES (relight samples), CHUNK (samples held in local memory at once), COEFFICIENTS.
+#ifndef OCCLUDERS
+#define OCCLUDERS 0
+#endif
+#if OCCLUDERS
+#define BLOCKED_PARAM __global const float4 *blocked,
+#else
+#define BLOCKED_PARAM
+#endif
 
 // probe_update: one work-group per probe.
 //   lambda[i][j] = sum over relight rays of radiance * Y_j * 4 pi / samples
@@ -8,21 +16,22 @@
 // as many rows of work-items as the group has room for sum a share of them each, a coefficient to a
 // work-item; the rows' sums are added up at the end. A group with less work-items than there are
 // coefficients takes them in turns.
-//   frame_state  first probe to update and the step to the next
+// OCCLUDERS=1, where something moves: what a blocked ray sees is in `blocked` (srp/blocked_rays.cl).
+//   updated      how many probes are updated, and these
 //   source       (probes, SAMPLES) entry of `radiance` each ray sees
 //   basis        (SAMPLES, COEFFICIENTS): Y_j times 4 pi / samples
 //   radiance     lightmap of outgoing radiance, the environment's samples behind it, one black
 //   lambda       (probes, 3, COEFFICIENTS), W/m2/sr
 //   gathered     local, 3 * CHUNK floats; partial: local, 3 floats per work-item
-__kernel void probe_update(__global const int *frame_state, __global const int *source,
+__kernel void probe_update(__global const int *updated, __global const int *source,
                            __global const float *basis, __global const float4 *radiance,
-                           __global float *lambda, __local float *gathered,
+                           BLOCKED_PARAM __global float *lambda, __local float *gathered,
                            __local float *partial)
 {
     const int item = get_local_id(0), items = get_local_size(0);
     const int width = min(items, COEFFICIENTS);
     const int shares = items / width, share = item / width;
-    const int probe = frame_state[0] + frame_state[1] * (int)get_group_id(0);
+    const int probe = updated[1 + get_group_id(0)];
     __global const int *rays = source + (size_t)probe * SAMPLES;
     __global float *out = lambda + (size_t)probe * 3 * COEFFICIENTS;
     __local float *red = gathered, *green = gathered + CHUNK, *blue = gathered + 2 * CHUNK;
@@ -33,7 +42,12 @@ __kernel void probe_update(__global const int *frame_state, __global const int *
         for (int first = 0; first < SAMPLES; first += CHUNK) {
             const int count = min(CHUNK, SAMPLES - first);
             for (int i = item; i < count; i += items) {
+#if OCCLUDERS
+                const float4 before = blocked[(size_t)probe * SAMPLES + first + i];
+                const float4 sample = before.w == 0.0f ? radiance[rays[first + i]] : before;
+#else
                 const float4 sample = radiance[rays[first + i]];
+#endif
                 red[i] = sample.x;
                 green[i] = sample.y;
                 blue[i] = sample.z;

@@ -3,30 +3,45 @@
 // CHUNK (samples held in local memory at once), STRIDE (coefficients padded to whole vectors).
 #include "srp/storage.cl"
 
+#ifndef OCCLUDERS
+#define OCCLUDERS 0
+#endif
+#if OCCLUDERS
+#define BLOCKED_PARAM __global const float4 *blocked,
+#else
+#define BLOCKED_PARAM
+#endif
+
 // probe_update: one work-group per probe.
 //   lambda[i][j] = sum over relight rays of radiance * Y_j * 4 pi / samples
 // All work-items gather the radiance of CHUNK samples into local memory, one plane per channel; then
 // every work-item sums VEC * VECTORS coefficients of all three channels over them, so that a basis
 // value read once serves three products. Hits and misses are one list: what escapes reads the
 // environment's radiance from behind the lightmap's texels, where it was put ahead.
-//   frame_state  first probe to update and the step to the next
+// OCCLUDERS=1, where something moves: what a blocked ray sees is in `blocked` (srp/blocked_rays.cl).
+//   updated      how many probes are updated, and these
 //   source       (probes, SAMPLES) entry of `radiance` each ray sees
 //   basis        (SAMPLES, STRIDE): Y_j times 4 pi / samples, zeros behind the last coefficient
 //   radiance     lightmap of outgoing radiance, the environment's samples behind it, one black
 //   lambda       (probes, 3, STRIDE), W/m2/sr
 //   gathered     local, 3 * CHUNK floats
-__kernel void probe_update(__global const int *frame_state, __global const int *source,
+__kernel void probe_update(__global const int *updated, __global const int *source,
                            __global const float *basis, __global const float4 *radiance,
-                           __global float *lambda, __local float *gathered)
+                           BLOCKED_PARAM __global float *lambda, __local float *gathered)
 {
     const int item = get_local_id(0), items = get_local_size(0);
-    const int probe = frame_state[0] + frame_state[1] * (int)get_group_id(0);
+    const int probe = updated[1 + get_group_id(0)];
     __global const int *rays = source + (size_t)probe * SAMPLES;
     __local float *red = gathered, *green = gathered + CHUNK, *blue = gathered + 2 * CHUNK;
     for (int first = 0; first < SAMPLES; first += CHUNK) {
         const int count = min(CHUNK, SAMPLES - first);
         for (int i = item; i < count; i += items) {
+#if OCCLUDERS
+            const float4 before = blocked[(size_t)probe * SAMPLES + first + i];
+            const float4 sample = before.w == 0.0f ? radiance[rays[first + i]] : before;
+#else
             const float4 sample = radiance[rays[first + i]];
+#endif
             red[i] = sample.x;
             green[i] = sample.y;
             blue[i] = sample.z;

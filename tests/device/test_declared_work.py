@@ -36,6 +36,7 @@ from support.oclgrind_runner import COUNTING, SCRIPTS, Simulator, needs_oclgrind
 
 import gibench.techniques
 from gibench.device import SIMT
+from gibench.techniques.parts.recolouring import RECOLOUR
 from gibench.techniques.registry import techniques
 
 sys.path.insert(0, str(SCRIPTS))
@@ -125,6 +126,12 @@ def cases() -> list[Any]:
         Case("frames", SIZE, 1, name, "tuned", SHAPES[name][3], SIMT) for name in WITH_A_LAYOUT
     ]
     found.append(Case("moving", SIZE, 1, "direct", "tuned"))
+    # A setting that changes nothing tells its rows from those at rest.
+    found.append(Case("moving", SIZE, 1, "srp", "tuned", {**SHAPES["srp"][3], "bounces": True}))
+    for name in ("srp", "surfel-cache", "irradiance-probes"):
+        settings = SHAPES.get(name, SHAPE_OF_OTHERS)[3]
+        case = Case("changing", SIZE, 1, name, "tuned", settings)
+        found.append(pytest.param(case, marks=pytest.mark.slow, id=str(case)))
     for name, settings in OTHER_SETTINGS:
         for variant in techniques()[name].variants:
             case = Case("frames", SIZE, 1, name, variant, {**SHAPES[name][3], **settings})
@@ -191,6 +198,8 @@ def test_passes_do_what_they_declare(
     assert not wrong, "\n".join(wrong)
     if case.what == "moving":
         assert set(declared) >= MOVING
+    elif case.what == "changing":
+        assert RECOLOUR in declared
     else:
         optional = {"relocation", "prefilter"}
         assert {row.name for row in explained(folder(case.technique))} <= {*declared, *optional}

@@ -159,7 +159,7 @@ def test_an_object_that_shares_vertices_cannot_move():
 
 def test_built_in_scenes_rest_unless_told_otherwise():
     """They describe motions; nothing that is baked or published depends on these."""
-    assert moving_names() == ["hall", "atrium"]
+    assert moving_names() == ["hall", "atrium", "hall-door"]
     for name in names():
         scene = load_scene(name)
         assert MotionOptions().of(scene) is None
@@ -172,7 +172,7 @@ def test_built_in_scenes_rest_unless_told_otherwise():
         else:
             with pytest.raises(BadInput, match=f"'{name}' describes no motion") as error:
                 MotionOptions("scene").of(scene)
-            assert "hall or atrium" in str(error.value)
+            assert "hall, atrium or hall-door" in str(error.value)
 
 
 # -- files ----------------------------------------------------------------------------------------
@@ -229,7 +229,7 @@ WRONG = {
     'object = "back"\naxis = [0, 1, 0]\nperiod_frames = 0': "of at least 1",
     'object = "back"\naxis = [0, 1, 0]\nrepeat = true': "unknown key 'repeat'",
     'object = "back"\nframes = [0]\npositions = [[0, 0, 0]]': "has 1 keyframe(s); give at least",
-    'object = "back"\nframes = [0, 9]': "give positions, rotate_degrees or matrices",
+    'object = "back"\nframes = [0, 9]': "give positions, rotate_degrees or matrices, or albedo",
     'object = "back"\nframes = [0, 9]\npositions = [[0, 0, 0]]': "2 frames and 1 positions",
     'object = "back"\nframes = [9, 0]\npositions = [[0, 0, 0], [1, 1, 1]]': "are at 9, 0",
     'object = "back"\nframes = [0, 0.5]\npositions = [[0, 0, 0], [1, 1, 1]]': "whole numbers",
@@ -238,6 +238,13 @@ WRONG = {
     'object = "back"\nframes = [0, 9]\nmatrices = [[1], [2]]': "a list of 16 numbers",
     'object = "back"\nframes = [0, 9]\npositions = [[0, 0, 0], [0, 0, 0]]\n'
     "matrices = []": "give either matrices or positions",
+    'object = "sofa"\nframes = [0, 9]\nemission = [0, 1]': "no object called 'sofa'",
+    'material = "velvet"\nframes = [0, 9]\nalbedo = [0, 1]': "no material called 'velvet'",
+    'material = "white"\nframes = [0, 9]\nalbedo = [0, 1.5]': "keyframe 2 is 1.5, 1.5, 1.5; give",
+    'object = "back"\nframes = [0, 9]\nemission = [[0, 0, -1], 0]': "keyframe 1 is 0, 0, -1; give",
+    'object = "back"\nframes = [0, 9]\nemission = [1]': "2 frames and 1 of emission",
+    'material = "white"\nframes = [0, 9]': "give albedo or emission, one per frame",
+    'material = "white"\nframes = [0, 9]\npositions = []': "a material has albedo and emission",
     'object = "back"\nframes = [0, 9]\nmatrices = [[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]'
     ", [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1]]": "keyframe 2 of 'back' is not rigid",
 }
@@ -276,6 +283,16 @@ def test_the_pages_motions_are_sound(tmp_path):
     door, crate = load_motions(path)
     assert door == Turn("door", (0.0, 1.0, 0.0), (1.2, 0.0, -0.5), 120, 60.0)
     assert crate.repeat and crate.positions[1] == (0.0, 0.4, 0.0)
+
+
+def test_the_pages_colours_are_sound(tmp_path):
+    text = (Path(__file__).parents[2] / "docs" / "motion.md").read_text()
+    path = tmp_path / "motion.toml"
+    path.write_text(text.split("```toml\n")[2].split("```")[0])
+    lamp, move, glow = load_motions(path)
+    assert lamp.of_material and lamp.step and lamp.emission[1] == (8.0, 8.0, 8.0)
+    assert move.name == glow.name == "door" and move.frames == glow.frames
+    assert glow.albedo[0] == (0.5, 0.4, 0.3) and glow.emission[1] == (5.0, 4.5, 4.0)
 
 
 def test_a_scene_file_describes_motions_of_meshes_by_name(tmp_path):

@@ -24,8 +24,8 @@ class Case:
         what: a function of run_case.py.
         size: work-items per group; the bake's kernels have their own, of one.
         width: floats per vector.
-        technique: for ``bake``, ``frames`` and ``moving``.
-        variant: for ``frames`` and ``moving``.
+        technique: for ``bake``, ``frames``, ``moving`` and ``changing``.
+        variant: for ``frames``, ``moving`` and ``changing``.
         settings: of the technique, beside run_case.SMALL.
         layout: of a variant that is tuned.
     """
@@ -49,7 +49,7 @@ class Case:
 OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
     "srp": [
         {"storage": "fp32", "receiver_order": 1},
-        {"storage": "snorm16", "probe_update_fraction": 0.5},
+        {"storage": "snorm16", "probe_update": "half"},
     ],
     "gibs": [
         {"grid": "perspective", "ray_guiding": True},
@@ -114,6 +114,12 @@ FRAMES, SLOW_FRAMES = frames(every=False), frames(every=True)
 MOVING = [
     *(Case("moving", size, width, "direct", "tuned") for size, width in SIZES),
     Case("moving", 16, 16, "gibs", "tuned"),
+    # Materials that change: receivers, surfels, captured texels.
+    Case("moving", 7, 4, "srp", "published"),
+    Case("moving", 64, 1, "srp", "tuned", {"probe_update": "nearest"}),
+    Case("changing", 7, 4, "srp", "tuned"),
+    Case("changing", 16, 16, "surfel-cache", "tuned"),
+    Case("changing", 64, 1, "irradiance-probes", "tuned"),
 ]
 OTHERS = [
     Case(what, *sizes)

@@ -40,6 +40,7 @@ from gibench.reference.host_cl import HostProgram
 from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
 from gibench.scene.builtin import build
+from gibench.scene.colours import Colours
 from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
@@ -83,6 +84,11 @@ SMALL = {
 }
 PROFILE = replace(load_profile("iphone7"), simd_width=1)
 MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))
+
+COLOURS = tuple(
+    Colours(name, (0, 4), ((0.2, 0.9, 0.1),) * 2, ((0.0,) * 3, (4.0, 3.0, 2.0)))
+    for name in ("short box", "left")
+)
 
 
 @dataclass(frozen=True)
@@ -133,23 +139,32 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
     small = {name: value for name, value in SMALL.items() if name in known}
     scene = build("cornell-box")
     settings = spec.settings({**small, **case.settings})
-    context = BakeContext(scene, unwrap(scene, RECEIVERS), settings, cache)
+    motion = motion_of(case, scene)
+    moving = motion.triangles if motion is not None and motion.moves else None
+    context = BakeContext(scene, unwrap(scene, RECEIVERS), settings, cache, moving=moving)
     # Oclgrind 21.10 keeps its shadow of memory per thread and makes the one of the thread that
     # opened the context only: any other thread that copies or runs anything crashes it.
     return spec, context, spec.bake(context, Serial())
 
 
+def motion_of(case: Case, scene: Scene) -> MovingObjects | None:
+    """What moves or changes in a case."""
+    changes = {"moving": MOTIONS, "changing": COLOURS}.get(case.what)
+    return None if changes is None else MovingObjects.of(scene, changes)
+
+
 def created(
     case: Case, cache: Path, width: int, height: int
 ) -> tuple[Technique, list[PreparedPass]]:
-    """A technique and its passes, ready for frames; in ``moving`` a box and a wall turn."""
+    """A technique and its passes, ready for frames; in ``moving`` a box and a wall turn, in
+    ``changing`` they begin to glow.
+    """
     spec, context, data = baked(case, cache)
     scene = context.scene
-    motion = MovingObjects.of(scene, MOTIONS) if case.what == "moving" else None
     made = create(
         *(spec, Device(PROFILE), scene, context.lightmap, context.settings, data),
         *(case.variant, case.size, width, height, scene.cameras[0]),
-        motion=motion,
+        motion=motion_of(case, scene),
     )
     prepared = prepare_passes(made, case.size)
     for item in prepared:
@@ -165,6 +180,11 @@ def frames(case: Case, cache: Path) -> None:
 
 def moving(case: Case, cache: Path) -> None:
     """Run frames of a technique on a scene that moves."""
+    ran(case, cache)
+
+
+def changing(case: Case, cache: Path) -> None:
+    """Run frames of a technique on a scene whose materials change."""
     ran(case, cache)
 
 

@@ -13,9 +13,9 @@ from gibench.bake.lightmap import cached_lightmap
 from gibench.cli.main import call
 from gibench.errors import BadInput
 from gibench.reference.path_tracer import reference_irradiance
+from gibench.scene.lightmap import some_receivers
 from gibench.scene.load import load_scene
 from gibench.study.frozen import frozen
-from gibench.study.run_errors import some_receivers
 
 
 def test_some_receivers_are_those_receivers(tmp_path: Path, rng: np.random.Generator) -> None:

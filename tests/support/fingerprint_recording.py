@@ -94,7 +94,7 @@ def jobs() -> list[Job]:
         "A": ("srp.storage=fp32", "ddgi.storage=fp32", "gibs.grid=perspective"),
         "B": ("srp.storage=snorm16", "ddgi.relocation=false", "gibs.estimator=multi-scale"),
         "C": (
-            *("srp.bounces=false", "srp.probe_update_fraction=0.5", "ddgi.classification=false"),
+            *("srp.bounces=false", "srp.probe_update=half", "ddgi.classification=false"),
             *("gibs.ray_guiding=true", "gibs.depth_moments=false"),
         ),
         "D": (

@@ -16,7 +16,7 @@ SHAPES = ("published", "wide", "simt")
 """The published variant, and the tuned one in both layouts."""
 
 
-def create(bake, scene, lightmap, shape, size, settings=None, local_memory=16384):
+def create(bake, scene, lightmap, shape, size, settings=None, local_memory=16384, motion=None):
     """SRP on a device; ``shape`` is of ``SHAPES``, or a variant as the device prefers it."""
     layout = shape if shape in ("wide", "simt") else None
     variant = "tuned" if layout else shape
@@ -24,7 +24,7 @@ def create(bake, scene, lightmap, shape, size, settings=None, local_memory=16384
     values = {"sh_order": bake.sh_order, "receiver_order": bake.receiver_order, **(settings or {})}
     return made(
         SPEC, device, scene, lightmap, SPEC.settings(values), bake, variant, size, 24, 16,
-        scene.cameras[0],
+        scene.cameras[0], motion=motion,
     )  # fmt: skip
 
 

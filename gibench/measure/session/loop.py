@@ -243,8 +243,10 @@ def _bring_up(loop: Loop, result: JobResult) -> Live:
     result.camera = session.world.camera.name
     world, spec = session.world, find_technique(job.technique)
     if spec.stages is not nothing_baked:
+        motion = world.motion
+        moving = motion.triangles if motion is not None and motion.moves else None
         result.bake_seconds = loop.shared.bake_seconds(
-            spec, job.settings, world.scene, world.lightmap
+            spec, job.settings, world.scene, world.lightmap, moving
         )
     result.reason = session.fitted
     chosen = sweep.chosen if sweep else {}

@@ -107,10 +107,12 @@ def kept_awake(spec: TechniqueSpec, world: World, aside: Set[Wakes] = frozenset(
     """What of ``world``, but for ``aside``, moves that keeps ``spec`` from ever being at rest, in
     words; empty where nothing does.
     """
+    motion = None if world.motion is None or world.motion.held is not None else world.motion
     moving = {
         Wakes.CAMERA: world.flight is not None,
-        Wakes.OBJECTS: world.motion is not None,
-        Wakes.LIGHTS: world.scene.lights_move,
+        Wakes.OBJECTS: motion is not None and motion.moves,
+        Wakes.LIGHTS: world.scene.lights_move
+        or (motion is not None and motion.materials is not None),
     }
     waking = spec.woken_by - aside
     return " and ".join(one.value for one in Wakes if moving[one] and one in waking)

@@ -95,7 +95,8 @@ class Session:
         spec, scene, shot = find_technique(job.technique), shared.scene(job.scene), job.shot
         camera = choose_camera(scene, shot.camera)
         flight, motion = shot.flight.of(scene, camera), shot.motion.of(scene)
-        if motion is not None and Follows.DIRECT_LIGHT not in spec.follows:
+        moves = motion is not None and motion.moves
+        if moves and Follows.DIRECT_LIGHT not in spec.follows:
             raise _stands_still(spec)
         remarks = [*spec.remarks(job, scene, camera), *spec.leaks(job, scene)]
         for remark in remarks:
@@ -106,7 +107,10 @@ class Session:
             receivers = footprint.most_receivers(asked) or asked
         footprint.check(receivers)
         while True:
-            lightmap, baked = shared.baked(spec, job.settings, job.scene, receivers)
+            moving = motion.triangles if motion is not None and motion.moves else None
+            lightmap, baked = shared.baked(spec, job.settings, job.scene, receivers, moving)
+            if motion is not None and motion.held is not None:
+                lightmap = motion.lightmap_in(scene, lightmap, motion.held)
             world = World(scene, lightmap, baked, camera, flight, motion)
             device = Device(job.profile, cl_device, kernel_root, job.layout)
             try:
@@ -128,7 +132,7 @@ class Session:
         session.notes += remarks
         if motion is not None:
             session.notes.append(motion.note())
-            if Follows.INDIRECT_LIGHT not in spec.follows:
+            if moves and Follows.INDIRECT_LIGHT not in spec.follows:
                 session.notes.append("its indirect light stays that of the scene at rest")
         if isinstance(technique, HasNotes):
             session.notes += technique.notes()

@@ -7,6 +7,9 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from gibench.bake.lightmap import cached_lightmap
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
@@ -70,9 +73,14 @@ class Shared:
             return self._lightmap[1]
 
     def baked(
-        self, spec: TechniqueSpec, settings: Any, name_or_path: str, receivers: int
+        self,
+        spec: TechniqueSpec,
+        settings: Any,
+        name_or_path: str,
+        receivers: int,
+        moving: npt.NDArray[np.bool_] | None = None,
     ) -> tuple[Lightmap, Any]:
-        """The lightmap and what ``spec`` bakes on it.
+        """The lightmap and what ``spec`` bakes on it, where the triangles ``moving`` (t,) move.
 
         Raises:
             GibenchError: it cannot be baked.
@@ -80,7 +88,7 @@ class Shared:
         with self._lock:
             lightmap = self.lightmap(name_or_path, receivers)
             scene = self.scene(name_or_path)
-            context = BakeContext(scene, lightmap, settings, self.cache_dir, self.seed)
+            context = BakeContext(scene, lightmap, settings, self.cache_dir, self.seed, moving)
             # The same as on the disk: settings that bake the same share it in memory, too.
             key = spec.bake_key(context)
             if key not in self._baked:
@@ -88,7 +96,14 @@ class Shared:
             return lightmap, self._baked[key]
 
     def bake_seconds(
-        self, spec: TechniqueSpec, settings: Any, scene: Scene, lightmap: Lightmap
+        self,
+        spec: TechniqueSpec,
+        settings: Any,
+        scene: Scene,
+        lightmap: Lightmap,
+        moving: npt.NDArray[np.bool_] | None = None,
     ) -> float:
         """Wall time, s, that baking for ``spec`` on ``lightmap`` has taken, whenever that was."""
-        return spec.bake_seconds(BakeContext(scene, lightmap, settings, self.cache_dir, self.seed))
+        return spec.bake_seconds(
+            BakeContext(scene, lightmap, settings, self.cache_dir, self.seed, moving)
+        )

@@ -24,6 +24,7 @@ _MAKERS: dict[str, Callable[[Settings], list[Piece]]] = {
     "two-rooms-gap": two_rooms.parts,
     "hall": hall.parts,
     "atrium": atrium.parts,
+    "hall-door": hall.parts_with_door,
     "church": kinds.church,
     "maze": kinds.maze,
     "street": kinds.street,

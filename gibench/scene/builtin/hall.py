@@ -85,6 +85,24 @@ def parts(settings: Settings) -> list[Piece]:
     return made
 
 
+def parts_with_door(settings: Settings) -> list[Piece]:
+    """All of the hall, and a door before the left wall's middle window, a hand's breadth off it."""
+    low, high = (
+        np.array(settings.geometry["door"]["low"]),
+        np.array(settings.geometry["door"]["high"]),
+    )
+    size = high - low
+    made = parts(settings)
+    for axis in range(3):
+        u, v = np.zeros(3), np.zeros(3)
+        u[(axis + 1) % 3], v[(axis + 2) % 3] = size[(axis + 1) % 3], size[(axis + 2) % 3]
+        top = low.copy()
+        top[axis] = high[axis]
+        made.append(panel("door", "door", low, v, u))
+        made.append(panel("door", "door", top, u, v))
+    return made
+
+
 def _box_ring(x: tuple[float, float], z: tuple[float, float]) -> Doubles:
     """The rectangle (4, 2) between two x and two z, in (x, -z)."""
     return np.array([(x[0], -z[1]), (x[1], -z[1]), (x[1], -z[0]), (x[0], -z[0])])

@@ -18,6 +18,7 @@ from gibench.resources import data
 from gibench.scene.builtin.bumps import Bumps, bumpy_surfaces
 from gibench.scene.builtin.patterns import pattern
 from gibench.scene.builtin.pieces import Piece
+from gibench.scene.colours import Change
 from gibench.scene.model import (
     Camera,
     Environment,
@@ -29,7 +30,6 @@ from gibench.scene.model import (
     Texture,
 )
 from gibench.scene.motion.file import read_motions
-from gibench.scene.poses import Motion
 from gibench.scene.readers.defaults import suggested_sizes
 from gibench.scene.readers.scene_file import (
     read_camera,
@@ -67,7 +67,7 @@ class Settings:
     regions: tuple[Region, ...]
     materials: dict[str, Material]
     textures: tuple[Texture, ...]
-    motions: tuple[Motion, ...]
+    motions: tuple[Change, ...]
     bumps: dict[str, Bumps]
     geometry: dict[str, Any] = field(repr=False)
 

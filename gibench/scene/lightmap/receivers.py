@@ -8,9 +8,10 @@ covered surface area, so that the receivers' areas add up to the scene's.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from gibench.arrays import Floats, Ints
 
@@ -91,3 +92,29 @@ class Lightmap:
         for array in (self.triangle_uvs, r.texel, r.position, r.normal, self.fragments.corners):
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
+
+
+def some_receivers(lightmap: Lightmap, chosen: npt.NDArray[np.intp]) -> Lightmap:
+    """``lightmap`` with the receivers ``chosen`` (ascending indices) alone."""
+    receivers, fragments = lightmap.receivers, lightmap.fragments
+    counts = np.diff(fragments.start)[chosen]
+    start = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+    first = np.repeat(fragments.start[chosen] - start[:-1], counts)
+    kept = np.arange(start[-1]) + first
+    return replace(
+        lightmap,
+        receivers=Receivers(
+            texel=receivers.texel[chosen],
+            position=receivers.position[chosen],
+            normal=receivers.normal[chosen],
+            albedo=receivers.albedo[chosen],
+            emission=receivers.emission[chosen],
+            area=receivers.area[chosen],
+        ),
+        fragments=Fragments(
+            start=start,
+            corners=fragments.corners[kept],
+            triangle=fragments.triangle[kept],
+            area=fragments.area[kept],
+        ),
+    )

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from gibench.arrays import Vec3
+from gibench.scene.colours import Change, Colours
 from gibench.scene.model import Scene
-from gibench.scene.poses import Keyframes, Motion, Turn
 from gibench.scene.readers.content import Array, Content, vec3
 
 # A scene is recentred where its middle lies further from the origin than so many of its diagonals:
@@ -65,14 +65,14 @@ def points_from_file(points: Array, origin: Vec3) -> Array:
     return np.asarray(points, np.float64) - origin
 
 
-def motions_from_file(motions: tuple[Motion, ...], scene: Scene) -> tuple[Motion, ...]:
+def motions_from_file(motions: tuple[Change, ...], scene: Scene) -> tuple[Change, ...]:
     """Motions whose pivots are points of the file's space, as motions of ``scene``."""
     return (
         tuple(_moved(motion, scene.origin) for motion in motions) if any(scene.origin) else motions
     )
 
 
-def _moved(motion: Turn | Keyframes, origin: Vec3) -> Motion:
-    if motion.through is None:
+def _moved(motion: Change, origin: Vec3) -> Change:
+    if isinstance(motion, Colours) or motion.through is None:
         return motion
     return replace(motion, through=vec3(np.subtract(motion.through, origin)))

@@ -37,7 +37,7 @@ _DRIFT = 0.01  # of the settled mean: what the last two quarters may differ by
 _SWITCHES = {"off to on": (0.0, 1.0), "on to a quarter": (1.0, 0.25)}
 _SETTINGS: tuple[tuple[str, str, Mapping[str, str]], ...] = (
     ("srp", "all probes every frame", {}),
-    ("srp", "a quarter of the probes every frame", {"probe_update_fraction": "0.25"}),
+    ("srp", "a quarter of the probes every frame", {"probe_update": "quarter"}),
     # Averages and placement are the papers'.
     ("ddgi", "hysteresis 0.97", {"average": "encoded"}),
     ("ddgi", "hysteresis 0.90", {"average": "encoded", "hysteresis": "0.9"}),

@@ -242,7 +242,9 @@ def _probe_update(sizes: Sizes, profile: DeviceProfile) -> TraceRequest:
     basis = np.zeros((sizes.rays, sizes.coefficients), np.float32)
     light = np.zeros((sizes.probes, sizes.coefficients, 3), np.float32)
     args = [
-        TracedArgument("frame_state", np.array([0, 1], np.int32)),
+        TracedArgument(
+            "updated", np.append(sizes.probes, np.arange(sizes.probes)).astype(np.int32)
+        ),
         TracedArgument("hit_start", starts * sizes.rays),
         TracedArgument("hit_sample", rays),
         TracedArgument("hit_texel", texels),

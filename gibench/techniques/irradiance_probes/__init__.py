@@ -15,7 +15,14 @@ from gibench.techniques.parts.captured_probes.technique import (
     probe_sweep,
 )
 from gibench.techniques.parts.thin_walls import leaking_walls
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
+from gibench.techniques.registry import (
+    PUBLISHED,
+    TUNED,
+    BakeContext,
+    Follows,
+    TechniqueSpec,
+    Wakes,
+)
 
 __all__ = ["SPEC", "IrradianceProbeSettings", "IrradianceProbes"]
 
@@ -46,6 +53,7 @@ SPEC = TechniqueSpec(
     settings_type=IrradianceProbeSettings,
     stages=_stages,
     woken_by=frozenset({Wakes.LIGHTS, Wakes.OBJECTS}),
+    follows=frozenset({Follows.DIRECT_LIGHT}),
     create=IrradianceProbes,
     buffers=declared,
     sweep=probe_sweep,

@@ -17,7 +17,14 @@ from gibench.techniques.parts.captured_probes.technique import (
     probe_sweep,
 )
 from gibench.techniques.parts.thin_walls import leaking_walls
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, TechniqueSpec, Wakes
+from gibench.techniques.registry import (
+    PUBLISHED,
+    TUNED,
+    BakeContext,
+    Follows,
+    TechniqueSpec,
+    Wakes,
+)
 
 __all__ = ["SPEC", "LightFieldProbeSettings", "LightFieldProbes"]
 
@@ -59,6 +66,7 @@ SPEC = TechniqueSpec(
     settings_type=LightFieldProbeSettings,
     stages=_stages,
     woken_by=frozenset({Wakes.LIGHTS, Wakes.OBJECTS}),
+    follows=frozenset({Follows.DIRECT_LIGHT}),
     create=LightFieldProbes,
     buffers=declared,
     sweep=probe_sweep,

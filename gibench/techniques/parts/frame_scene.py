@@ -18,6 +18,7 @@ from gibench.techniques.job import Known, Shot, World
 from gibench.techniques.parts.camera_table import CAMERA_FLOATS, camera_table
 from gibench.techniques.parts.light_table import light_table
 from gibench.techniques.parts.macros import LIGHT_FLOATS, SCENE_MACROS
+from gibench.techniques.parts.material_table import material_table
 from gibench.techniques.parts.moving_geometry import (
     TRANSFORM_FLOATS,
     MovingGeometry,
@@ -31,6 +32,13 @@ def transforms_buffer(scene: Scene) -> BufferSpec:
     """Of a transform for every object, moving or not."""
     objects = len(np.unique(scene.object_ids))
     return BufferSpec.of("object_transforms", (objects, TRANSFORM_FLOATS), np.float32)
+
+
+def with_own_materials(scene: Scene, motion: MovingObjects | None) -> Scene:
+    """``scene`` with a material of its own for each surface whose colours change, as in frame 0."""
+    if motion is None or motion.materials is None:
+        return scene
+    return motion.materials.scene_in(scene, motion.frame_of(0))
 
 
 class FrameScene:
@@ -49,7 +57,7 @@ class FrameScene:
         camera: the view, at rest.
         bvh: the scene's tree, where it is already built.
         flight: that takes the camera along; None where it rests.
-        motion: of its objects; None where they rest.
+        motion: of its objects and materials; None where all rest.
 
     Attributes:
         surfaces: geometry, materials, textures; all that kernels read of a surface.
@@ -82,7 +90,7 @@ class FrameScene:
         packed = None if cutouts is None else cutouts.packed(len(scene.triangles))
         tree = DeviceBvh.upload(device, self.bvh, cutouts=packed)
         self.bvh_args, self._tree_defines = tree.args, tree.defines
-        self.surfaces = Surfaces.upload(device, scene)
+        self.surfaces = Surfaces.upload(device, with_own_materials(scene, motion))
         rows, columns = scene.environment.pixels.shape[:2]
         held = device.allocate(
             self._views(scene, width, height),
@@ -111,7 +119,7 @@ class FrameScene:
         self.image = held["image"]
         self._transforms: Buffer | None = None
         self._moving: MovingGeometry | None = None
-        if motion is not None:
+        if motion is not None and motion.moves:
             self._moving = MovingGeometry.create(
                 device,
                 scene,
@@ -168,7 +176,7 @@ class FrameScene:
             width: of the image, pixels.
             height: of the image, pixels.
             bvh: its tree; without it they are a lower bound.
-            motion: what moves in it.
+            motion: what moves and changes in it.
             transforms: its objects' transforms are asked for, whether anything moves or not.
         """
         triangles, words = len(scene.triangles), 0
@@ -180,12 +188,13 @@ class FrameScene:
             tree = DeviceBvh.buffers(bvh, cutout_words=words)
         found = [
             *tree,
-            *Surfaces.buffers(scene),
+            *Surfaces.buffers(with_own_materials(scene, motion)),
             *FrameScene._views(scene, width, height),
         ]
-        if transforms or motion is not None:
+        moves = motion is not None and motion.moves
+        if transforms or moves:
             found.append(transforms_buffer(scene))
-        if motion is not None:
+        if motion is not None and moves:
             found += MovingGeometry.buffers(scene, motion, bvh)
         return found
 
@@ -232,11 +241,16 @@ class FrameScene:
         return [] if self._moving is None else self._moving.passes()
 
     def begin_frame(self, frame: int) -> None:
-        """Move lights and camera to where they are in ``frame``, and tell where the objects are."""
+        """Move lights and camera to where they are in ``frame``, and tell where the objects are and
+        what colours materials have.
+        """
         self.frame = frame
         self.device.write(self._lights, light_table(self.scene.lights_at(frame)))
         if self._moving is not None and self._motion is not None:
             self._moving.move(self._motion.transforms_in(frame))
+        if self._motion is not None and (changing := self._motion.materials) is not None:
+            now = changing.materials_in(self.scene, self._motion.frame_of(frame))
+            self.device.write(self.surfaces.materials, material_table(now))
         if self._flight is not None:
             self._see(self._flight.camera_in(frame, self._resting))
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from gibench.bake.stage import Stage
 from gibench.device import SIMT, BufferSpec
+from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.job import Known
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
@@ -14,18 +15,29 @@ from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.gloss_table import GlossTable
 from gibench.techniques.parts.normal_map_table import NormalMapTable
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
-from gibench.techniques.registry import PUBLISHED, TUNED, BakeContext, Knob, TechniqueSpec
+from gibench.techniques.parts.recolouring import Recolouring, Shares
+from gibench.techniques.registry import (
+    PUBLISHED,
+    TUNED,
+    BakeContext,
+    Follows,
+    Knob,
+    TechniqueSpec,
+)
 from gibench.techniques.srp.bake.data import MAX_SH_ORDER, sh_count
 from gibench.techniques.srp.bake.settings import USUAL_ORDERS
-from gibench.techniques.srp.common import FRAME_STATE, TransportSizes
+from gibench.techniques.srp.common import TransportSizes
+from gibench.techniques.srp.movers import Movers
 from gibench.techniques.srp.pack import TunedSizes
 from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes
 from gibench.techniques.srp.published import Published
 from gibench.techniques.srp.remarks import remarks
+from gibench.techniques.srp.resting import resting_lightmap, resting_scene
 from gibench.techniques.srp.settings import SrpSettings
 from gibench.techniques.srp.simt import Simt
 from gibench.techniques.srp.technique import Srp
 from gibench.techniques.srp.tuned import Tuned
+from gibench.techniques.srp.turns import ProbeTurns
 
 __all__ = ["SPEC", "Srp", "SrpSettings"]
 
@@ -44,7 +56,11 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     usual = USUAL_ORDERS[settings.receiver_order]
     highest = usual if settings.order <= usual else MAX_SH_ORDER
     baked = replace(settings.bake_settings(), sh_order=highest, probes=probes)
-    given = Given(context.scene, context.lightmap, baked, context.seed)
+    scene, lightmap = context.scene, context.lightmap
+    if context.moving is not None and context.moving.any():
+        scene = resting_scene(scene, context.moving)
+        lightmap = resting_lightmap(lightmap, context.moving)
+    given = Given(scene, lightmap, baked, context.seed)
     return srp_stages(given, settings.order)
 
 
@@ -52,18 +68,28 @@ def _buffers(known: Known) -> list[BufferSpec]:
     """Scene, receivers, maps, probes and transport, of which only the bake tells how much it is."""
     job, scene, lightmap = known.job, known.scene, known.lightmap
     settings: SrpSettings = job.settings
+    motion = known.motion if known.motion is not None and known.motion.moves else None
+    receivers, more = known.receivers, list[BufferSpec]()
     if lightmap is None:
+        if motion is not None:
+            # How many lie on what moves only the atlas tells; seldom is it more than half.
+            receivers //= 2
         sizes = TransportSizes.least(
             probes=settings.probes or scene.probes.count,
             coefficients=sh_count(settings.order),
             samples=settings.relight_samples,
-            receivers=known.receivers,
+            receivers=receivers,
         )
-        packed, texels, border = TunedSizes(), known.receivers, 0
+        packed, texels, border = TunedSizes(), receivers, 0
     else:
-        sizes = TransportSizes.of(known.baked)
+        if motion is not None:
+            lightmap = resting_lightmap(lightmap, motion.triangles)
+            receivers = len(lightmap.receivers)
+            more += Movers.buffers(scene, motion, known.baked)
+        sizes = TransportSizes.of(known.baked, motion is not None)
         packed = TunedSizes.of(known.baked, known.vector_width)
         texels, border = lightmap.width * lightmap.height, len(border_texels(lightmap))
+        more += _changing(known, lightmap)
     if job.variant == TUNED and known.layout == SIMT:
         shape = SimtShape.of(job.profile, job.group_size)
         least = SimtSizes()
@@ -83,14 +109,22 @@ def _buffers(known: Known) -> list[BufferSpec]:
         own = Published.buffers(sizes, settings.storage, texels)
     return [
         *FrameScene.declared(known),
-        *FrameLightmap.buffers(len(scene.triangles), known.receivers),
+        *FrameLightmap.buffers(len(scene.triangles), receivers),
         ReceiverSignal.spec("indirect", texels, settings.components),
-        FRAME_STATE,
+        ProbeTurns.buffer(sizes.probes),
+        *more,
         *own,
         *(NormalMapTable.buffers(scene) if settings.normal_maps else ()),
         *(GlossTable.buffers(scene) if settings.gloss else ()),
         HitBuffer.spec(job.shot.width, job.shot.height),
     ]
+
+
+def _changing(known: Known, lightmap: Lightmap) -> list[BufferSpec]:
+    """What the receivers whose materials change take."""
+    if known.motion is None or known.motion.materials is None:
+        return []
+    return Recolouring.buffers(Shares.of_receivers(known.scene, lightmap, known.motion.materials))
 
 
 def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
@@ -113,6 +147,8 @@ SPEC = TechniqueSpec(
     stages=_stages,
     create=Srp,
     buffers=_buffers,
+    follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
+    bakes_what_rests=True,
     sweep=_sweep,
     knobs=_knobs,
     remarks=remarks,

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Buffer, BufferSpec, Device
+from gibench.device import Argument, Buffer, reads
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
 from gibench.techniques.srp.bake.data import SrpBake
+from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_bytes
+from gibench.techniques.srp.turns import ProbeTurns
 from gibench.techniques.technique import Pass, Work
 
 
@@ -25,7 +27,8 @@ class TransportSizes:
         probes: number of probes.
         coefficients: SH coefficients per probe.
         samples: relight samples per probe.
-        hits: relight rays of all probes that meet a receiver.
+        hits: relight rays of all probes that meet a receiver; where something moves, all that do
+            not escape.
         misses: relight rays of all probes that escape.
         clusters: number of clusters.
         receivers: receivers in clusters.
@@ -52,14 +55,15 @@ class TransportSizes:
     components: int = 1
 
     @staticmethod
-    def of(bake: SrpBake) -> TransportSizes:
-        """The sizes of ``bake``."""
+    def of(bake: SrpBake, moves: bool = False) -> TransportSizes:
+        """The sizes of ``bake``, where anything ``moves`` or not."""
         lit = [c for c in bake.clusters if len(c.projection)]
+        hit = bake.relight.texel != -1 if moves else bake.relight.texel >= 0
         return TransportSizes(
             probes=len(bake.probes),
             coefficients=bake.coefficients,
             samples=bake.relight.texel.shape[1],
-            hits=int(np.count_nonzero(bake.relight.texel >= 0)),
+            hits=int(np.count_nonzero(hit)),
             misses=int(np.count_nonzero(bake.relight.texel == -1)),
             clusters=len(bake.clusters),
             receivers=sum(len(c.receivers) for c in bake.clusters),
@@ -122,36 +126,6 @@ class TransportSizes:
         )
 
 
-FRAME_STATE = BufferSpec.of("frame_state", 2, np.int32)
-"""The first probe that is updated in a frame, and the step to the next."""
-
-
-class ProbeTurns:
-    """Which probes are updated in a frame: every 1st, 2nd or 4th, in turn.
-
-    Args:
-        device: where the two numbers the kernels read lie.
-        probes: number of probes.
-        fraction: share of the probes updated in a frame.
-    """
-
-    def __init__(self, device: Device, probes: int, fraction: float) -> None:
-        self.device, self.probes = device, probes
-        self.step = round(1 / fraction)
-        self.first = 0
-        self.state = device.create(FRAME_STATE)
-        self.begin_frame(0)
-
-    def begin_frame(self, frame: int) -> None:
-        """Choose the probes of ``frame``."""
-        self.first = frame % self.step
-        self.device.write(self.state, np.array([self.first, self.step], np.int32))
-
-    def count(self) -> int:
-        """Number of probes updated in this frame."""
-        return max(0, -(-(self.probes - self.first) // self.step))
-
-
 @dataclass(frozen=True)
 class SrpInput:
     """What a variant is built from.
@@ -166,6 +140,7 @@ class SrpInput:
         workgroup_size: work-items per group.
         turns: which probes are updated.
         indirect: the signal that is written.
+        blocked: what relight rays see that are blocked by what moves; None where all rests.
     """
 
     scene: FrameScene
@@ -177,6 +152,30 @@ class SrpInput:
     workgroup_size: int
     turns: ProbeTurns
     indirect: ReceiverSignal
+    blocked: Buffer | None = None
+
+    @property
+    def update_work(self) -> Work:
+        """The least that the probes' update does; where something moves, it asks of every ray
+        whether it is blocked.
+        """
+        work = self.sizes.probe_update_work(self.fraction)
+        if self.blocked is None:
+            return work
+        asked = 16 * self.sizes.probes * self.sizes.samples * self.fraction
+        return replace(work, bytes_read=work.bytes_read + asked)
+
+    @property
+    def blocked_args(self) -> tuple[Argument, ...]:
+        """BLOCKED_PARAM of the probes' update."""
+        return () if self.blocked is None else (reads("blocked", self.blocked),)
+
+    @property
+    def blocked_defines(self) -> dict[str, int | str]:
+        """The macros of the probes' update that go with it."""
+        if self.blocked is None:
+            return {}
+        return {"OCCLUDERS": 1, "SAMPLES": self.sizes.samples}
 
 
 def extended_radiance(given: SrpInput) -> Floats:
@@ -197,9 +196,13 @@ class SrpVariant(Protocol):
 
     Attributes:
         radiance: map of outgoing radiance that the lightmap update writes.
+        coefficients: the probes' SH coefficients, W/m2/sr.
+        layout: how they lie.
     """
 
     radiance: Buffer
+    coefficients: Buffer
+    layout: LambdaLayout
 
     def passes(self) -> list[Pass]:
         """Probe update, cluster projection, irradiance transport."""

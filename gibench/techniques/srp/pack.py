@@ -131,9 +131,13 @@ class SampleLists:
     miss_sample: Ints = field(repr=False)
 
 
-def pack_samples(relight: RelightSamples) -> SampleLists:
-    """Split the relight rays into hits and misses; what hits black is in neither list."""
+def pack_samples(relight: RelightSamples, black: bool = False) -> SampleLists:
+    """Split the relight rays into hits and misses; what hits black is in neither list, or with
+    ``black`` among the hits with its texel below 0, as something may come to lie before it.
+    """
     hit, miss = relight.texel >= 0, relight.texel == MISS
+    if black:
+        hit = ~miss
     return SampleLists(
         hit_start=_starts(hit.sum(axis=1).tolist()).astype(np.int32),
         hit_sample=np.nonzero(hit)[1].astype(np.int32),

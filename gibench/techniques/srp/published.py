@@ -12,6 +12,7 @@ from gibench.errors import CannotRun
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.srp.common import SrpInput, TransportSizes
 from gibench.techniques.srp.pack import pack_published, pack_samples
+from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
 
@@ -29,7 +30,7 @@ class Published:
     def __init__(self, given: SrpInput) -> None:
         self.given = given
         bake, texels = given.bake, given.receivers.texels
-        lists = pack_samples(bake.relight)
+        lists = pack_samples(bake.relight, black=given.blocked is not None)
         packed = pack_published(bake, given.receivers.lightmap.receivers.texel, given.storage)
         data = {
             "radiance": given.receivers.black(),
@@ -55,6 +56,8 @@ class Published:
         )
         self.radiance = self._held["radiance"]
         self._lambda, self._basis = self._held["lambda"], self._held["light_basis"]
+        self.coefficients = self._lambda
+        self.layout = LambdaLayout(3 * given.sizes.coefficients, 3, 1)
 
     @staticmethod
     def buffers(sizes: TransportSizes, storage: str, texels: int) -> list[BufferSpec]:
@@ -90,7 +93,7 @@ class Published:
         """Probe update, cluster projection, irradiance transport."""
         sizes, storage = self.given.sizes, self.given.storage
         return [
-            Pass("probe_update", self._probe_update, sizes.probe_update_work(self.given.fraction)),
+            Pass("probe_update", self._probe_update, self.given.update_work),
             Pass("cluster_projection", self._projected, sizes.projection_work(storage)),
             Pass("irradiance_transport", self._transported, sizes.transport_work(storage)),
         ]
@@ -113,9 +116,10 @@ class Published:
                 f"profile {device.profile.name} has {device.profile.local_memory_bytes:,}",
                 mend="lower --workgroup-size",
             )
-        program = ProgramSpec("srp/published_probes.cl", {"CHUNK": chunk})
+        defines = {"CHUNK": chunk, **given.blocked_defines}
+        program = ProgramSpec("srp/published_probes.cl", defines)
         args = (
-            reads("frame_state", given.turns.state),
+            reads("updated", given.turns.state),
             reads("hit_start", held["hit_start"]),
             reads("hit_sample", held["hit_sample"]),
             reads("hit_texel", held["hit_texel"]),
@@ -126,6 +130,7 @@ class Published:
             integer("coefficients", given.sizes.coefficients),
             reads("radiance", self.radiance),
             *given.scene.environment_args,
+            *given.blocked_args,
             updates("lambda", self._lambda),
             local("sums", chunk * per_coefficient),
         )

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, fields
 from gibench.errors import BadInput
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.storage import STORAGES, Storage
-
-FRACTIONS = (1.0, 0.5, 0.25)
+from gibench.techniques.srp.turns import PROBE_UPDATES, ProbeUpdate
 
 
 @dataclass(frozen=True)
@@ -24,11 +23,12 @@ class SrpSettings(SrpBakeSettings):
             "unit": "",
         },
     )
-    probe_update_fraction: float = field(
-        default=1.0,
+    probe_update: ProbeUpdate = field(
+        default="all",
         metadata={
-            "help": "share of the probes updated in a frame, in turn: 1, 0.5 or 0.25; a faster "
-            "probe_update for indirect light that lags behind",
+            "help": "probes updated in a frame: all; half or quarter, in turn; or nearest, a "
+            "quarter, those near the camera more often: a faster probe_update for indirect light "
+            "that lags behind",
             "unit": "",
         },
     )
@@ -69,9 +69,9 @@ class SrpSettings(SrpBakeSettings):
                 )
         if self.storage not in STORAGES:
             raise BadInput(f"storage is '{self.storage}'", mend=f"use {', '.join(STORAGES)}")
-        if self.probe_update_fraction not in FRACTIONS:
+        if self.probe_update not in PROBE_UPDATES:
             raise BadInput(
-                f"probe_update_fraction is {self.probe_update_fraction}", mend="use 1, 0.5 or 0.25"
+                f"probe_update is '{self.probe_update}'", mend=f"use {', '.join(PROBE_UPDATES)}"
             )
 
     def bake_settings(self) -> SrpBakeSettings:

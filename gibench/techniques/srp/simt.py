@@ -14,6 +14,7 @@ from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.srp.common import SrpInput, TransportSizes, extended_radiance
 from gibench.techniques.srp.pack import sample_sources
 from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes, pack_simt, row_unit
+from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
 
@@ -59,6 +60,9 @@ class Simt:
         self._held = device.allocate(specs, data)
         self.radiance = self._held["radiance"]
         self._lambda, self._basis = self._held["lambda"], self._held["light_basis"]
+        self.coefficients = self._lambda
+        count = given.sizes.coefficients
+        self.layout = LambdaLayout(3 * count, 1, count)
 
     @staticmethod
     def buffers(
@@ -101,7 +105,7 @@ class Simt:
         """Probe update, cluster projection, irradiance transport."""
         sizes, storage = self.given.sizes, self.given.storage
         return [
-            Pass("probe_update", self._probe_update, sizes.probe_update_work(self.given.fraction)),
+            Pass("probe_update", self._probe_update, self.given.update_work),
             Pass("cluster_projection", self._projected, sizes.projection_work(storage)),
             Pass("irradiance_transport", self._transported, sizes.transport_work(storage)),
         ]
@@ -129,12 +133,14 @@ class Simt:
             "SAMPLES": sizes.samples,
             "CHUNK": chunk,
             "COEFFICIENTS": sizes.coefficients,
+            **self.given.blocked_defines,
         }
         args = (
-            reads("frame_state", self.given.turns.state),
+            reads("updated", self.given.turns.state),
             reads("source", self._held["relight_source"]),
             reads("basis", self._held["relight_basis"]),
             reads("radiance", self.radiance),
+            *self.given.blocked_args,
             updates("lambda", self._lambda),
             local("gathered", 12 * chunk),
             local("partial", partial),

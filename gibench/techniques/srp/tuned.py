@@ -19,6 +19,7 @@ from gibench.techniques.srp.pack import (
     projection_width,
     sample_sources,
 )
+from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
 
@@ -78,6 +79,8 @@ class Tuned:
         self._held = device.allocate(specs, data)
         self.radiance = self._held["radiance"]
         self._lambda, self._basis = self._held["lambda"], self._held["light_basis"]
+        self.coefficients = self._lambda
+        self.layout = LambdaLayout(3 * self._stride, 1, self._stride)
 
     @staticmethod
     def buffers(
@@ -121,7 +124,7 @@ class Tuned:
         """Probe update, cluster projection, irradiance transport."""
         sizes, storage = self.given.sizes, self.given.storage
         return [
-            Pass("probe_update", self._probe_update, sizes.probe_update_work(self.given.fraction)),
+            Pass("probe_update", self._probe_update, self.given.update_work),
             Pass("cluster_projection", self._projected, sizes.projection_work(storage)),
             Pass("irradiance_transport", self._transported, sizes.transport_work(storage)),
         ]
@@ -148,13 +151,15 @@ class Tuned:
             "SAMPLES": samples,
             "CHUNK": chunk,
             "STRIDE": self._stride,
+            **self.given.blocked_defines,
         }
         program = ProgramSpec("srp/tuned_probes.cl", defines)
         args = (
-            reads("frame_state", self.given.turns.state),
+            reads("updated", self.given.turns.state),
             reads("source", self._held["relight_source"]),
             reads("basis", self._held["relight_basis"]),
             reads("radiance", self.radiance),
+            *self.given.blocked_args,
             updates("lambda", self._lambda),
             local("gathered", 12 * chunk),
         )

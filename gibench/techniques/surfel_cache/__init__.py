@@ -13,6 +13,7 @@ from gibench.scene.model import Scene
 from gibench.techniques.job import Known
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.recolouring import Recolouring
 from gibench.techniques.registry import (
     PUBLISHED,
     TUNED,
@@ -24,7 +25,7 @@ from gibench.techniques.registry import (
     steps,
 )
 from gibench.techniques.surfel_cache.bake.stages import Given, surfel_cache_stages, volume_of
-from gibench.techniques.surfel_cache.pack import Sizes
+from gibench.techniques.surfel_cache.pack import Sizes, surfel_shares
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
 from gibench.techniques.surfel_cache.technique import SurfelCache
 
@@ -51,11 +52,14 @@ def _buffers(known: Known) -> list[BufferSpec]:
     if known.lightmap is None:
         cells = volume_of(known.scene, settings).probes
         sizes = Sizes.least(settings, known.scene, cells, tuned)
+        shares = None
     else:
         sizes = Sizes.of(known.baked, settings, tuned, known.vector_width)
+        shares = surfel_shares(known.scene, known.baked, known.motion)
     return [
         *FrameScene.declared(known),
         *sizes.buffers(),
+        *([] if shares is None else Recolouring.buffers(shares)),
         HitBuffer.spec(job.shot.width, job.shot.height),
     ]
 

@@ -13,6 +13,7 @@ from gibench.arrays import Doubles, Floats, Ints
 from gibench.device import BufferSpec
 from gibench.scene.model import DirectionalLight, Scene, SpotLight
 from gibench.scene.motion.moving_objects import MovingObjects
+from gibench.techniques.parts.recolouring import Shares
 from gibench.techniques.surfel_cache.bake.data import (
     LINK_SCALE,
     Hierarchy,
@@ -335,6 +336,25 @@ def flux_scale(scene: Scene, surfels: int, area: float, albedo: Floats, emission
     kept = 1 / (1 - min(0.95, float(albedo.max(initial=0.0))))
     most = float((own + light).max()) * kept * surfels
     return 2.0 ** math.floor(math.log2(MOST / most)) if most > 0 else 1.0
+
+
+def surfel_shares(scene: Scene, bake: SurfelBake, motion: MovingObjects | None) -> Shares | None:
+    """What the surfels show of materials that change; None where none does."""
+    if motion is None or motion.materials is None:
+        return None
+    changing = motion.materials
+    return Shares.of_triangles(scene, changing, bake.surfels.triangle, bake.albedo, bake.emission)
+
+
+def most_colours(bake: SurfelBake, motion: MovingObjects | None) -> tuple[Floats, Floats]:
+    """Albedo and emission (n, 3) of the surfels, the most that they ever have."""
+    if motion is None or motion.materials is None:
+        return bake.albedo, bake.emission
+    changing = motion.materials
+    rows = changing.material_ids[bake.surfels.triangle]
+    albedo = np.where((changing.albedo_by[rows] >= 0)[:, None], np.float32(1.0), bake.albedo)
+    emission = np.maximum(bake.emission, changing.brightest()[rows])
+    return albedo.astype(np.float32), emission.astype(np.float32)
 
 
 def node_sums(tree: Hierarchy, of_leaves: Doubles) -> Doubles:

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Device
+from gibench.device import Device, updates
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job, World
@@ -16,10 +16,17 @@ from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.recolouring import Recolouring
 from gibench.techniques.parts.standing_light import StandingLight
 from gibench.techniques.registry import TUNED
 from gibench.techniques.surfel_cache.bake.data import SurfelBake
-from gibench.techniques.surfel_cache.pack import Sizes, arrays_of, flux_scale
+from gibench.techniques.surfel_cache.pack import (
+    Sizes,
+    arrays_of,
+    flux_scale,
+    most_colours,
+    surfel_shares,
+)
 from gibench.techniques.surfel_cache.passes import FramePasses
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
 from gibench.techniques.technique import FloatArray, Pass
@@ -27,6 +34,8 @@ from gibench.techniques.technique import FloatArray, Pass
 REST_CHANGE = 0.005
 """Root mean square change of all caches' coefficients from look to look, as a share of themselves,
 that counts as none."""
+# Albedo to whole numbers, emission to mantissas: three channels each, and their scale.
+_ENCODED_FLOPS = 10
 
 
 class SurfelCache:
@@ -55,8 +64,23 @@ class SurfelCache:
         held = device.allocate(
             self.sizes.buffers(), arrays_of(bake, world.scene, self.sizes, world.motion)
         )
-        surfels = bake.surfels
-        scale = flux_scale(world.scene, len(surfels), surfels.area, bake.albedo, bake.emission)
+        surfels, motion = bake.surfels, world.motion
+        self.recolouring: Recolouring | None = None
+        if (shares := surfel_shares(world.scene, bake, motion)) is not None:
+            self.recolouring = Recolouring.create(
+                device,
+                shares,
+                self.scene.surfaces.materials,
+                "surfel_cache/recolour.cl",
+                (
+                    updates("surfel_albedo", held["surfel_albedo"]),
+                    updates("surfel_emission", held["surfel_emission"]),
+                ),
+                stored_bytes=8,
+                stored_flops=_ENCODED_FLOPS,
+            )
+        albedo, emission = most_colours(bake, motion)
+        scale = flux_scale(world.scene, len(surfels), surfels.area, albedo, emission)
         self.frame = FramePasses(
             scene=self.scene,
             bake=bake,
@@ -70,7 +94,8 @@ class SurfelCache:
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""
-        return self.frame.passes()
+        first = [] if self.recolouring is None else self.recolouring.passes()
+        return [*first, *self.frame.passes()]
 
     def begin_frame(self, frame: int) -> None:
         """Move lights, camera and objects."""

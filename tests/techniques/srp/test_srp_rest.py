@@ -14,13 +14,13 @@ from gibench.scene.model import Camera, PointLight
 from gibench.techniques.technique import LOOK_EVERY
 
 
-@pytest.mark.parametrize("fraction", [1.0, 0.25])
+@pytest.mark.parametrize("update", ["all", "quarter"])
 @pytest.mark.parametrize("variant", ["published", "tuned"])
-def test_it_rests_once_its_bounces_have_come_together(tmp_path, variant, fraction):
+def test_it_rests_once_its_bounces_have_come_together(tmp_path, variant, update):
     scene, lightmap = room(5)
     light = PointLight((0.1, 1.9, 0.2), (2.0, 2.0, 2.0))
     lit = replace(scene, lights=(light,), cameras=(Camera((0.2, 1, 0.8), (0, 1, 0), 70.0),))
-    settings = {"probe_update_fraction": fraction}
+    settings = {"probe_update": update}
     technique = create(bake(tmp_path), lit, lightmap, variant, 64, settings)
     prepared = prepare_passes(technique, 64)
     assert not technique.at_rest()

@@ -121,10 +121,10 @@ def test_variants_agree(setting):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize(("fraction", "step"), [(0.5, 2), (0.25, 4)])
-def test_probes_take_turns(setting, variant, fraction, step):
+@pytest.mark.parametrize(("update", "step"), [("half", 2), ("quarter", 4)])
+def test_probes_take_turns(setting, variant, update, step):
     scene, lightmap, bake = setting
-    settings = {"probe_update_fraction": fraction}
+    settings = {"probe_update": update}
     technique = create(bake, scene, lightmap, variant, 64, settings)
     prepared = prepare_passes(technique, 64)
     before = technique.variant.probe_radiance()
@@ -195,7 +195,7 @@ def test_a_budget_too_small_is_refused_before_it_is_used(setting):
         ({"sh_order": 9}, "SH order is 9; 0 to 7"),
         ({"sh_order": -1}, "SH order is -1"),
         ({"storage": "fp8"}, "storage is 'fp8'"),
-        ({"probe_update_fraction": 0.3}, "probe_update_fraction is 0.3"),
+        ({"probe_update": "third"}, "probe_update is 'third'; use all, half"),
         ({"relight_samples": 0}, "relight_samples is 0"),
         ({"probes": -5}, "probes is -5"),
         ({"receiver_order": 2}, "receiver_order is 2"),

@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats
 from gibench.device import Argument, Buffer, BufferSpec, Define, Device, reads
+from gibench.scene.model import Scene
+from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.parts.captured_probes.lobes import (
     lobe_buffer,
     lobe_sides,
@@ -20,6 +22,7 @@ from gibench.techniques.parts.captured_probes.settings import CapturedProbeSetti
 from gibench.techniques.parts.captured_probes.stages import CapturedProbes
 from gibench.techniques.parts.octahedral_maps import OctahedralMaps
 from gibench.techniques.parts.placed_probes import ACTIVE, USABLE, PlacedProbes
+from gibench.techniques.parts.recolouring import Shares
 from gibench.techniques.parts.split_sum import split_sum_buffer, split_sum_table
 
 NO_FRONT = 0xFFFFFFFF
@@ -194,6 +197,22 @@ def _contents(
         if settings.visibility:
             data["captured_moments"] = _all(baked, "moments")
     return data
+
+
+def captured_shares(
+    scene: Scene,
+    baked: CapturedProbes,
+    settings: CapturedProbeSettings,
+    motion: MovingObjects | None,
+) -> Shares | None:
+    """What captured texels show of materials that change; None where none does, or probes are lit
+    once.
+    """
+    if motion is None or motion.materials is None or not settings.relit:
+        return None
+    triangle = np.stack([own.triangle for own in baked.maps]).reshape(-1)
+    albedo, emission = (_all(baked, name).reshape(-1, 3) for name in ("albedo", "emission"))
+    return Shares.of_triangles(scene, motion.materials, triangle, albedo, emission)
 
 
 def packed_hits(baked: CapturedProbes) -> npt.NDArray[np.uint32]:

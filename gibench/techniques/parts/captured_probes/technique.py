@@ -6,11 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gibench.device import BufferSpec, Device
+from gibench.device import BufferSpec, Device, updates
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.camera_pass import suits_packets
-from gibench.techniques.parts.captured_probes.held import HeldProbes, probe_bytes
+from gibench.techniques.parts.captured_probes.held import (
+    HeldProbes,
+    captured_shares,
+    probe_bytes,
+)
 from gibench.techniques.parts.captured_probes.passes import Biases, ProbePasses
 from gibench.techniques.parts.captured_probes.settings import CapturedProbeSettings
 from gibench.techniques.parts.captured_probes.stages import CapturedProbes
@@ -18,6 +22,7 @@ from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.gloss_table import GlossTable
+from gibench.techniques.parts.recolouring import Recolouring
 from gibench.techniques.parts.standing_light import StandingLight
 from gibench.techniques.registry import TUNED, Knob, steps
 from gibench.techniques.technique import FloatArray, Pass
@@ -53,8 +58,17 @@ def declared(known: Known) -> list[BufferSpec]:
         *FrameScene.declared(known),
         *HeldProbes.buffers(settings, settings.volume(known.scene).probes),
         *(GlossTable.buffers(known.scene) if settings.gloss_steps else ()),
+        *_changing(known),
         HitBuffer.spec(shot.width, shot.height),
     ]
+
+
+def _changing(known: Known) -> list[BufferSpec]:
+    """What captured texels whose materials change take, once it is known which these are."""
+    if known.baked is None:
+        return []
+    shares = captured_shares(known.scene, known.baked, known.job.settings, known.motion)
+    return [] if shares is None else Recolouring.buffers(shares)
 
 
 class CapturedProbeTechnique:
@@ -87,6 +101,21 @@ class CapturedProbeTechnique:
         self.probes = HeldProbes.create(device, settings, baked)
         self._frames, self._looked, self._still = 0, 0, False
         self._light = StandingLight(REST_CHANGE)
+        shares = captured_shares(world.scene, baked, settings, world.motion)
+        self.recolouring: Recolouring | None = None
+        if shares is not None:
+            capture = self.probes.capture
+            self.recolouring = Recolouring.create(
+                device,
+                shares,
+                self.scene.surfaces.materials,
+                "parts/recolour_captured.cl",
+                (
+                    updates("captured_albedo", capture["captured_albedo"]),
+                    updates("captured_emission", capture["captured_emission"]),
+                ),
+                stored_bytes=16,
+            )
         tuned = job.variant == TUNED
         self._passes = ProbePasses(
             self.scene,
@@ -99,7 +128,8 @@ class CapturedProbeTechnique:
 
     def passes(self) -> Sequence[Pass]:
         """The passes of a frame, in order."""
-        return self._passes.passes()
+        first = [] if self.recolouring is None else self.recolouring.passes()
+        return [*first, *self._passes.passes()]
 
     def begin_frame(self, frame: int) -> None:
         """Move lights and camera; choose which probes are relit."""
@@ -160,6 +190,12 @@ class CapturedProbeTechnique:
         ]
         if inside := int(np.count_nonzero(~baked.usable)):
             found.append(f"{inside} of {baked.volume.probes} probes lie inside surfaces")
+        motion = self._world.motion
+        if not settings.relit and motion is not None and motion.materials is not None:
+            found.append(
+                "the probes were lit once, with the materials at rest (update=static): what "
+                "changes is seen, and sends no indirect light"
+            )
         if not settings.relit and self._world.scene.lights_move:
             found.append(
                 "the probes were lit once, with the lights as in frame 0 (update=static): direct "

@@ -1,0 +1,15 @@
+// A second tree, over what moves alone (gibench/techniques/parts/moving_tree.py): for rays whose way
+// through all else is known. Its triangles have their numbers in the scene.
+#ifndef GIBENCH_MOVERS
+#define GIBENCH_MOVERS
+
+#include "common/bvh.cl"
+
+#define MOVER_PARAMS __global const float *mover_nodes, __global const float *mover_triangles
+#if RAY_COUNTS
+#define MOVER_BVH_ARGS mover_nodes, mover_triangles, ray_counts CUTOUT_ARG
+#else
+#define MOVER_BVH_ARGS mover_nodes, mover_triangles CUTOUT_ARG
+#endif
+
+#endif
