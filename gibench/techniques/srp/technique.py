@@ -219,8 +219,8 @@ class Srp:
         }
 
     def notes(self) -> list[str]:
-        """How well the probes cover the receivers, what of the settings the scene lacks, and what is
-        approximate of what moves.
+        """How well the probes cover the receivers, what of the settings the scene lacks, and what
+        is approximate of what moves.
         """
         bake = self._bake
         found = [] if self.movers is None else [_MOVING_NOTE]
