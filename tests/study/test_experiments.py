@@ -73,6 +73,7 @@ def cache(tmp_path_factory):
 FILES = {
     "frame-times": ("frame-times.png", "frame-times.svg"),
     "sh-order": ("sh-order.png", "sh-order-pictures.png"),
+    "probe-update": ("probe-update.png", "probe-update.svg"),
     "probe-density": ("probe-density.svg", "probe-density-pictures.png"),
     "receiver-reduction": ("receiver-reduction.png", "receiver-reduction-pictures.png"),
     "interpolation": ("interpolation-5.png",),
