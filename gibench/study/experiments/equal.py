@@ -254,10 +254,10 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame, *, by_time: bool
 
 
 def _comes(row: pd.Series, same: str) -> str:
-    """Whether a technique comes to the target; if not, on which side it stays."""
+    """Whether a technique comes to the target; if not, on which side its nearest lies."""
     if row["met"]:
         return "yes"
-    return "no: never so little" if row[same] > row["target"] else "no: never so much"
+    return "no, more" if row[same] > row["target"] else "no, less"
 
 
 def _said(by_time: bool) -> str:
