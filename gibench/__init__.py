@@ -13,6 +13,7 @@ __all__ = [
     "ab",
     "advise",
     "bake_ahead",
+    "cluster",
     "compare",
     "experiment",
     "load_run",
@@ -44,6 +45,13 @@ def run(**options: Any) -> Any:
         :class:`gibench.commands.run.RunResult`: ``samples``, ``passes``, ``frames``, ``folder``.
     """
     return import_module("gibench.commands.run").run(**options)
+
+
+def cluster(**options: Any) -> Any:
+    """The executor of a Dask cluster while a ``with`` block runs: ``scheduler``, ``scheduler_file``
+    or ``workers`` (:func:`gibench.commands.cluster.cluster`).
+    """
+    return import_module("gibench.commands.cluster").cluster(**options)
 
 
 def quality(**options: Any) -> Any:

@@ -296,7 +296,7 @@ class Dask:
             Exception: what it raised.
         """
         future = under.future
-        if future.status in ("cancelled", "lost"):
+        if future.status == "cancelled":
             raise _Gone()
         if future.status == "error":
             with _reached():
@@ -305,7 +305,7 @@ class Dask:
                 f"{under.unit.name}: no worker could compute it ({type(error).__name__}: {error})",
                 mend="a worker that dies of it may lack memory: see its log",
             )
-        with _reached():
+        with _reached():  # where its worker died with the result, another computes it again
             found: Answer = future.result()
         if digest_of(found.body) != found.digest:
             raise GibenchError(f"the result of {under.unit.name} came back damaged")
@@ -349,7 +349,7 @@ class Dask:
         while running and time.monotonic() < until:
             with suppress(Empty, Exception):
                 keep(ended.get(timeout=_LOOK_SECONDS))
-            if all(under.future.status in ("cancelled", "lost") for under in running.values()):
+            if all(under.future.status == "cancelled" for under in running.values()):
                 break
         with suppress(Exception):
             self._client.cancel([under.future for under in running.values()])

@@ -54,7 +54,6 @@ def open_cluster(
     settings = {
         "distributed.admin.large-graph-warning-threshold": "1 TiB",
         "distributed.scheduler.allowed-failures": _ALLOWED_DEATHS,
-        "distributed.comm.timeouts.connect": f"{_CONNECT_SECONDS}s",
     }
     with ExitStack() as stack, dask.config.set(settings):
         stack.enter_context(_quiet("distributed"))
@@ -127,10 +126,13 @@ def _close(one: Any) -> None:
 @contextmanager
 def _quiet(name: str) -> Iterator[None]:
     """What a library logs of workers that come and go is not told: results tell it."""
-    log = logging.getLogger(name)
-    before = log.level
-    log.setLevel(logging.CRITICAL + 1)
+    known = logging.root.manager.loggerDict
+    names = [name, *(each for each in list(known) if each.startswith(f"{name}."))]
+    before = {each: logging.getLogger(each).level for each in names}
+    for each in names:  # Dask gives some of them levels of their own
+        logging.getLogger(each).setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        log.setLevel(before)
+        for each, level in before.items():
+            logging.getLogger(each).setLevel(level)
