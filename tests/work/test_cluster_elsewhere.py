@@ -169,7 +169,7 @@ def test_a_scheduler_that_goes_is_one_line_and_a_rerun_goes_on(tmp_path):
     ],
 )
 def test_every_bake_has_the_same_bytes(tmp_path, technique, settings):
-    asked = {"technique": technique, "receivers": 300, "settings": settings}
+    asked = {"technique": [technique], "receivers": 300, "settings": settings}
     with cluster(workers=2) as executor:
         for name, by in (("serial", Serial()), ("cluster", executor)):
             list(gibench.bake_ahead(cache_dir=tmp_path / name, executor=by, **asked))
