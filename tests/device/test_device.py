@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gibench.device import Device, MemoryLedger, kernel_source
+from gibench.device import SIMT, WIDE, Device, MemoryLedger, kernel_source
+from gibench.device.build import preferred_layout, width_of
 from gibench.device.choice import default_device, trial
 from gibench.device.selection import list_devices, select_cl_device
 from gibench.errors import BadInput, CannotRun, GibenchError
@@ -247,3 +248,22 @@ def test_a_device_is_tried_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPat
     assert "IndexError" in (trial(99) or "")
     monkeypatch.setattr("gibench.device.choice.TRIAL_S", 0.01)
     assert trial(0) == "no answer within 0.01 s"
+
+
+class _Prefers:
+    """As much of a device as says what vectors it likes."""
+
+    def __init__(self, preferred: int, native: int) -> None:
+        self.preferred_vector_width_float = preferred
+        self.native_vector_width_float = native
+
+
+def test_a_layout_is_what_the_device_prefers_or_what_is_asked() -> None:
+    """A GPU and Intel's runtime prefer 1 (the latter's registers hold 16), PoCL 8 or 16."""
+    for preferred, native, layout, wide in ((1, 1, SIMT, 4), (1, 16, SIMT, 16), (8, 8, WIDE, 8)):
+        made_up = _Prefers(preferred, native)
+        assert preferred_layout(made_up) == layout
+        assert (width_of(made_up, SIMT), width_of(made_up, WIDE)) == (1, wide)
+    device = Device(SMALL, layout=SIMT)
+    assert (device.layout, device.vector_width) == (SIMT, 1)
+    assert Device(SMALL).layout == WIDE

@@ -10,8 +10,9 @@ import pytest
 from support import fake_technique
 
 from gibench.commands.asked import by_option, read_settings
+from gibench.device.selection import list_devices
 from gibench.errors import BadInput, CannotRun, GibenchError
-from gibench.measure.plan.grid import grid, typed_value
+from gibench.measure.plan.grid import grid, typed_value, with_layouts
 from gibench.measure.runfolder.axes import TAKEN, axes_of, axis_values
 from gibench.measure.runfolder.folder import (
     sample_columns,
@@ -132,3 +133,14 @@ def test_values_take_their_type(hint: Any, text: str, value: Any) -> None:
 def test_values_of_another_type_are_refused(hint: Any, text: str) -> None:
     with pytest.raises(BadInput):
         typed_value(hint, text, "--set a.b")
+
+
+def test_layouts_are_those_of_tuned() -> None:
+    spec = fake_technique.SPEC
+    found = grid([IPHONE], [spec], variants=("published", "tuned"), layouts=("simt", "wide"))
+    shapes = [(job.variant, job.layout) for job in found]
+    assert shapes == [("published", None), ("tuned", "wide"), ("tuned", "simt")]
+    left = with_layouts(grid([IPHONE], [spec], variants=("published", "tuned")), list_devices()[0])
+    assert [job.layout for job in left] == [None, "wide"]  # PoCL prefers vectors
+    with pytest.raises(BadInput, match="no layout called 'narrow'"):
+        grid([IPHONE], [spec], layouts=("narrow",))

@@ -7,15 +7,20 @@ import math
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
+from support.run_folders import entry, record, write_run
 
 from gibench.errors import BadInput, GibenchError
+from gibench.measure.compare.timings import configuration_label
 from gibench.measure.runfolder.folder import (
     RunFolder,
     default_folder,
     write_atomically,
 )
+from gibench.measure.runfolder.stored_run import read_run
 from gibench.profiles import load_profile
+from gibench.report.tables import frames_table, passes_table
 
 IPHONE, RADEON = load_profile("iphone7"), load_profile("radeon560")
 
@@ -66,3 +71,29 @@ def test_default_folders_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     first.mkdir(parents=True)
     assert default_folder(["iphone7", "vega56"]) != first
     assert default_folder(["vega56"], "quality").parent == Path("results", "quality")
+
+
+def test_a_run_from_before_there_were_layouts_reads_as_one_that_was_wide(tmp_path: Path) -> None:
+    content = record(entry(1, ["projection"]))
+    path = write_run(tmp_path / "now", content, {1: {"projection": np.ones(3)}})
+    now = read_run(path)
+    assert set(now.samples["layout"]) == {"wide"}
+    lines = [line.split(",") for line in (path / "samples.csv").read_text().splitlines()]
+    at = lines[0].index("layout")
+    (path / "samples.csv").write_text(
+        "".join(",".join(line[:at] + line[at + 1 :]) + "\n" for line in lines)
+    )
+    kept = json.loads((path / "run.json").read_text())
+    del kept["configurations"][0]["layout"]
+    (path / "run.json").write_text(json.dumps(kept))
+    before = read_run(path)
+    assert "layout" not in before.samples
+    for make in (passes_table, frames_table):
+        (row,) = make(before.samples, before.record).to_dict("records")
+        assert row["layout"] is None and row["status"] == "ok"
+    labels = [
+        configuration_label(run.record["configurations"][0], run.record) for run in (now, before)
+    ]
+    assert labels[0] == labels[1]
+    simt = {**now.record["configurations"][0], "layout": "simt"}
+    assert configuration_label(simt, now.record) != labels[0]
