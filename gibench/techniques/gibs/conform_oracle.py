@@ -195,11 +195,14 @@ class Updated:
         estimator: (12, n).
         moments: (n, 48) mean depth, its square and counts of 16 texels.
         guides: (n, 16).
+        certain: (n,) whether float32 knows the estimator: a first ray makes the floored one's variance
+            the product of a difference and of its own rounding.
     """
 
     estimator: Array
     moments: Array
     guides: Array
+    certain: Array
 
 
 @dataclass(frozen=True)
@@ -224,13 +227,17 @@ class Rays:
 def updated(rays: Rays, estimator: Array, moments: Array, guides: Array, floored: bool) -> Updated:
     """What ``update_surfels`` makes of surfels and their rays."""
     e64, m64, g64 = (a.astype(np.float64) for a in (estimator, moments, guides))
+    certain = np.ones(len(moments), bool)
     for place, surfel in enumerate(rays.ids):
         row = e64[:, surfel]
         e: EstimatorState = (row[0:3], row[3:6], row[6:9], row[9], row[10], row[11])
         for ray in range(rays.first[place], rays.first[place + 1]):
             weight, texel = np.float32(rays.choice[ray, 0]), int(rays.choice[ray, 1])
             light = rays.light[ray, :3].astype(np.float64)
-            e = estimator_step(e, np.pi * weight * light, floored)
+            sample, short = np.pi * weight * light, e[1]
+            e = estimator_step(e, sample, floored)
+            rounding = 2.0**-22 * np.abs(sample - short) * (np.abs(sample) + np.abs(short))
+            certain[surfel] &= bool(np.all(rounding < 1e-4 * np.maximum(e[2], 1e-5)))
             d = min(float(rays.light[ray, 3]), 2.0 * float(rays.radii[surfel]))
             count = m64[surfel, 32 + texel] + 1
             rate = max(1 / count, 0.05)
@@ -239,7 +246,7 @@ def updated(rays: Rays, estimator: Array, moments: Array, guides: Array, floored
             m64[surfel, 32 + texel] = min(count, 20)
             g64[surfel, texel] += 0.1 * (LUMA @ rays.light[ray, :3] - g64[surfel, texel])
         e64[:, surfel] = np.concatenate([*e[:3], e[3:]])
-    return Updated(e64, m64, g64)
+    return Updated(e64, m64, g64, certain)
 
 
 def random_rays(rng: np.random.Generator, n: int, floored: bool) -> tuple[Rays, Updated]:
@@ -258,7 +265,7 @@ def random_rays(rng: np.random.Generator, n: int, floored: bool) -> tuple[Rays, 
     guides = rng.uniform(0, 1, (n, 16)).astype(np.float32)
     ids = rng.permutation(n).astype(np.uint32)
     taken = Rays(ids, first, light, choice.astype(np.float32), radii)
-    return taken, Updated(estimator, moments, guides)
+    return taken, Updated(estimator, moments, guides, np.ones(n, bool))
 
 
 def requested(inconsistency: Array, unseen: Array) -> Array:

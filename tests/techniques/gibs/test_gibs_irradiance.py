@@ -39,7 +39,10 @@ def test_update_surfels_equals_numpy(rng, size, floored):
     run(device, [launch_of(program, "update_surfels", args, items=n)], size)
 
     expected = updated(rays, *arrays, floored)
-    np.testing.assert_allclose(device.read(state[0]), expected.estimator, rtol=2e-4, atol=1e-5)
+    known = expected.certain
+    assert known.mean() > 0.5
+    found = device.read(state[0])[:, known]
+    np.testing.assert_allclose(found, expected.estimator[:, known], rtol=2e-4, atol=1e-5)
     # A step from m to a sample near 0 leaves the rounding of m, which is of order 1.
     rounding = 4 * np.finfo(np.float32).eps
     np.testing.assert_allclose(device.read(state[1]), expected.moments, rtol=1e-5, atol=rounding)
