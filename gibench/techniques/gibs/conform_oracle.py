@@ -195,8 +195,8 @@ class Updated:
         estimator: (12, n).
         moments: (n, 48) mean depth, its square and counts of 16 texels.
         guides: (n, 16).
-        certain: (n,) whether float32 knows the estimator: a first ray makes the floored one's variance
-            the product of a difference and of its own rounding.
+        certain: (n,) whether float32 knows the estimator: a first ray makes the variance of the
+            floored one the product of a difference and of its own rounding.
     """
 
     estimator: Array
