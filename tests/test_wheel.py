@@ -61,7 +61,7 @@ def test_whatever_is_imported_is_required() -> None:
         re.split(r"[\s;<>=\[]", one)[0].lower().replace("-", "_")
         for one in requires("gibench") or []
         if "extra ==" not in one
-        or re.search(r"extra == ['\"](exr|truth|project|history)['\"]", one)
+        or re.search(r"extra == ['\"](exr|truth|project|history|cluster)['\"]", one)
     }
     imported = {
         name.partition(".")[0]

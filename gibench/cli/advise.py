@@ -34,7 +34,7 @@ def advise(
         ),
     ] = None,
     budget: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option(
             "--budget",
             metavar="NAME=VALUE",
@@ -42,7 +42,7 @@ def advise(
             "and missing as shares (frame_ms and gi_ms, too).",
             rich_help_panel=options.GRID,
         ),
-    ] = None,
+    ] = _ALL,
     scene: options.Scene = "cornell-box",
     technique: options.Techniques = _ALL,
     variant: options.Variants = ["tuned"],  # noqa: B006 (typer copies its defaults)
@@ -110,7 +110,7 @@ def advise(
             device_profile=device_profile,
             budget_ms=budget_ms,
             gi_budget_ms=gi_budget_ms,
-            budget=budget or (),
+            budget=budget,
             scene=scene,
             technique=technique,
             variant=variant,

@@ -31,16 +31,17 @@
 #define BVH_PARAMS                                                                                  \
     __global const float *bvh_nodes, __global const float *bvh_triangles, __global uint *ray_counts \
         CUTOUT_PARAM
-#define BVH_ARGS bvh_nodes, bvh_triangles, ray_counts CUTOUT_ARG
+#define BVH_ARGS_OF(nodes, triangles) nodes, triangles, ray_counts CUTOUT_ARG
 #define BVH_COUNT_CLOSEST() atomic_inc(ray_counts)
 #define BVH_COUNT_OCCLUDED() atomic_inc(ray_counts + 1)
 #else
 #define BVH_PARAMS \
     __global const float *bvh_nodes, __global const float *bvh_triangles CUTOUT_PARAM
-#define BVH_ARGS bvh_nodes, bvh_triangles CUTOUT_ARG
+#define BVH_ARGS_OF(nodes, triangles) nodes, triangles CUTOUT_ARG
 #define BVH_COUNT_CLOSEST()
 #define BVH_COUNT_OCCLUDED()
 #endif
+#define BVH_ARGS BVH_ARGS_OF(bvh_nodes, bvh_triangles)
 
 typedef struct {
     float t; // in units of the direction's length; INFINITY on a miss

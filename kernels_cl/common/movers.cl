@@ -6,10 +6,6 @@
 #include "common/bvh.cl"
 
 #define MOVER_PARAMS __global const float *mover_nodes, __global const float *mover_triangles
-#if RAY_COUNTS
-#define MOVER_BVH_ARGS mover_nodes, mover_triangles, ray_counts CUTOUT_ARG
-#else
-#define MOVER_BVH_ARGS mover_nodes, mover_triangles CUTOUT_ARG
-#endif
+#define MOVER_BVH_ARGS BVH_ARGS_OF(mover_nodes, mover_triangles)
 
 #endif

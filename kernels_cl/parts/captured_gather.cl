@@ -53,7 +53,7 @@ inline float3 held_light(__global const map_t *maps, size_t first, int side, flo
 
 #if LOBE_STEPS
 // Where the ray from a point, m, leaves the scene's box: what is mirrored is taken to be there
-// (Sebastien and Zanuttini 2012).
+// (Lagarde and Zanuttini 2012).
 inline float3 leaves_box(float3 point, float3 direction)
 {
     const float3 low = (float3)(BOX_LOW_X, BOX_LOW_Y, BOX_LOW_Z);

@@ -16,14 +16,16 @@ from gibench.measure.runfolder.folder import sample_columns
 from gibench.measure.statistics.summary import Roofs
 from gibench.profiles import built_in_profiles
 
-CONTRACT_SAMPLES = "technique variant scene profile workgroup_size sh_order pass frame time_ms"
+CONTRACT_SAMPLES = (
+    "technique variant layout scene profile workgroup_size sh_order pass frame time_ms"
+)
 CONTRACT_PASSES = (
-    "technique variant scene profile workgroup_size sh_order pass probes receivers frames mean_ms "
-    "median_ms stdev_ms p95_ms p99_ms min_ms max_ms bytes flops rays gb_per_s gflop_per_s "
+    "technique variant layout scene profile workgroup_size sh_order pass probes receivers frames "
+    "mean_ms median_ms stdev_ms p95_ms p99_ms min_ms max_ms bytes flops rays gb_per_s gflop_per_s "
     "mrays_per_s roofline_fraction status reason"
 )
 CONTRACT_FRAMES = (
-    "technique variant scene profile workgroup_size sh_order probes receivers frames "
+    "technique variant layout scene profile workgroup_size sh_order probes receivers frames "
     "gi_ms mean_ms median_ms p95_ms p99_ms min_ms fps real_time memory_bytes memory_budget_bytes "
     "status reason"
 )
@@ -323,4 +325,4 @@ def test_quiet_prints_nothing(run, capsys) -> None:
 
 
 def test_sample_columns_begin_with_the_contract() -> None:
-    assert list(sample_columns(("sh_order",), ("probes",))[:9]) == CONTRACT_SAMPLES.split()
+    assert list(sample_columns(("sh_order",), ("probes",))[:10]) == CONTRACT_SAMPLES.split()

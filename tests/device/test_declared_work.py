@@ -201,7 +201,7 @@ def test_passes_do_what_they_declare(
     elif case.what == "changing":
         assert RECOLOUR in declared
     else:
-        optional = {"relocation", "prefilter"}
+        optional = {"relocation", "prefilter", "refit_movers"}
         assert {row.name for row in explained(folder(case.technique))} <= {*declared, *optional}
 
 

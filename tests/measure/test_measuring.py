@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from support import fake_technique
 from gibench.cli.main import call
 from gibench.measure.plan.stopping import Plan, median_interval
 from gibench.measure.session.cold import MOST_BYTES, CacheFlush
+from gibench.measure.session.enqueue import FrameTimes
 from gibench.measure.session.loop import BLOCK
+from gibench.measure.session.session import Session
 from gibench.measure.statistics.diagnostics import health, outliers
 from gibench.measure.statistics.summary import Roofs
 from gibench.profiles import load_profile
@@ -184,9 +187,22 @@ def test_cold_frames_say_so(fakes) -> None:
 
 
 @pytest.mark.parametrize("technique", ["srp", "direct"])
-def test_the_harness_costs_little_of_a_frame(technique: str, tmp_path: Path) -> None:
-    """What no kernel accounts for is under 5 % of a frame of the Cornell Box at full size."""
+def test_the_harness_costs_little_of_a_frame(
+    technique: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What Python computes for a frame is under 5 % of its kernels' time, at full size."""
     small = ("--set", "srp.transport_rays=32", "--set", "srp.relight_samples=128")
+    spent: list[float] = []
+    frame = Session.frame
+
+    def timed(self: Session, number: int) -> FrameTimes:
+        # Kernels run on PoCL's own threads: what this one computes is what it costs to have them.
+        begin = time.thread_time()
+        times = frame(self, number)
+        spent.append(1e3 * (time.thread_time() - begin))
+        return times
+
+    monkeypatch.setattr(Session, "frame", timed)
     code = call(
         [
             *("run", "--no-quality", "--technique", technique, "--receivers", "2000", "--quiet"),
@@ -197,7 +213,6 @@ def test_the_harness_costs_little_of_a_frame(technique: str, tmp_path: Path) -> 
     )
     assert code == 0
     samples = pd.read_csv(tmp_path / "out" / "samples.csv")
-    by_frame = samples.groupby("frame")
-    walls, kernels = by_frame["frame_wall_ms"].first(), by_frame["time_ms"].sum()
-    # The least of the frames: the harness is in each, what another process holds up is not.
-    assert (walls - kernels).min() < 0.05 * walls.median()
+    kernels = samples.groupby("frame")["time_ms"].sum()
+    assert len(spent) >= 12
+    assert 0 < np.median(spent[-12:]) < 0.05 * kernels.median()

@@ -7,6 +7,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -111,7 +112,7 @@ def test_what_moves_keeps_awake_whom_it_concerns(light: Any, moves: bool) -> Non
     lights = "lights move" if moves else ""
     assert awake() == {"direct": "", "gibs": "", "srp": lights, "ddgi": lights}
     flight = FlightOptions("flight", 1, 9).of(scene, camera)
-    flown = awake(flight=flight, motion=object())
+    flown = awake(flight=flight, motion=SimpleNamespace(held=None, moves=True, materials=None))
     assert flown["gibs"] == "the camera flies and objects move"
     assert flown["ddgi"].endswith("lights move") == moves
     assert flown["direct"] == ""

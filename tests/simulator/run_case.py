@@ -179,8 +179,8 @@ def frames(case: Case, cache: Path) -> None:
 
 
 def moving(case: Case, cache: Path) -> None:
-    """Run frames of a technique on a scene that moves."""
-    ran(case, cache)
+    """Run frames of a technique on a scene that moves, and read its receivers."""
+    ran(case, cache).indirect_irradiance()
 
 
 def changing(case: Case, cache: Path) -> None:

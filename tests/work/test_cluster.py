@@ -277,7 +277,7 @@ def test_without_shared_storage_all_travels(tmp_path, monkeypatch):
     )
     assert here.error is None and there.error is None
     assert list((tmp_path / "there").rglob("*.bin"))
-    times = ["time_ms", "ms_to_rest"]
+    times = ["time_ms", "gi_ms", "ms_to_rest", "bake_seconds"]
     pd.testing.assert_frame_equal(
         here.table.drop(columns=times), there.table.drop(columns=times), check_dtype=False
     )

@@ -25,6 +25,8 @@ TAKEN = frozenset(
         *("machine_longest", "machine_stutter"),
         *("stopped", "settings", "region", "result", "camera", "light_frame", "bounces"),
         *("settled", "change", "hidden", "uncovered", "bias", "flip", "ssim", "number", "fits"),
+        *("leak", "dark_area", "flicker_p50", "flicker_p99", "blotches", "missing"),
+        *("lag_light_half", "lag_light_95", "lag_object_half", "lag_object_95", "bake_seconds"),
         *("fps", "real_time", "pareto", "memory_bytes", "memory_budget_bytes"),
     )
 )
