@@ -18,11 +18,13 @@ from gibench.device.build import vector_width
 
 sys.path.insert(0, str(SCRIPTS))
 
-from cases import BAKES, FRAMES, MOVING, OTHERS, SLOW_BAKES, SLOW_FRAMES, Case
+from cases import BAKES, FRAMES, MOVING, OTHERS, SLOW_BAKES, SLOW_FRAMES, SLOW_OTHERS, Case
 from recording import all_kernels
 
 CASES = [*BAKES, *FRAMES, *MOVING, *OTHERS]
-SLOW = [pytest.param(case, marks=pytest.mark.slow) for case in (*SLOW_BAKES, *SLOW_FRAMES)]
+SLOW = [
+    pytest.param(case, marks=pytest.mark.slow) for case in (*SLOW_BAKES, *SLOW_FRAMES, *SLOW_OTHERS)
+]
 BAKE_OF_FRAMES = Case("bake", 1, 1, "srp")
 
 

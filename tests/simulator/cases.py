@@ -121,19 +121,17 @@ MOVING = [
     Case("changing", 16, 16, "surfel-cache", "tuned"),
     Case("changing", 64, 1, "irradiance-probes", "tuned"),
 ]
-OTHERS = [
-    Case(what, *sizes)
-    for what in (
-        "roofs",
-        "rays",
-        "reference",
-        "cut_rays",
-        "cut_frames",
-        "cut_reference",
-        "glow_frames",
-        "bumpy_frames",
-        "glow_reference",
-        "bumpy_reference",
-    )
-    for sizes in SIZES
-]
+OTHERS = [Case(what, *sizes) for what in ("roofs", "rays", "reference") for sizes in SIZES]
+# The same kernels with holes, images that emit and normal maps: by one size each, in turn.
+_OF_MACROS = (
+    "cut_rays",
+    "cut_frames",
+    "cut_reference",
+    "glow_frames",
+    "bumpy_frames",
+    "glow_reference",
+    "bumpy_reference",
+)
+OTHERS += [Case(what, *SIZES[n % len(SIZES)]) for n, what in enumerate(_OF_MACROS)]
+SLOW_OTHERS = [Case(what, *sizes) for what in _OF_MACROS for sizes in SIZES]
+SLOW_OTHERS = [case for case in SLOW_OTHERS if case not in OTHERS]

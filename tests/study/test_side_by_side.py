@@ -174,6 +174,7 @@ def quick(tmp_path_factory):
     return ["--quick", "--scene", "cornell-box", "--cache-dir", cache, "-q"]
 
 
+@pytest.mark.slow
 def test_the_ray_budget_experiment(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(ray_budget, "_RAYS_PER_PROBE", (50,))
     command = ["experiment", "ray-budget", *quick, "--out", str(tmp_path)]

@@ -354,6 +354,7 @@ def test_what_does_not_follow_says_so(tmp_path, file, capsys, monkeypatch):
     assert "run it without --motion, or ddgi, " in told
 
 
+@pytest.mark.slow
 def test_truth_in_a_frame_of_a_motion(tmp_path):
     """The light of a frame is that of a scene that lies so and has these colours."""
     path = tmp_path / "motion.toml"

@@ -123,7 +123,7 @@ def closed_in():
     return scene
 
 
-@pytest.mark.parametrize("variant", [TUNED, PUBLISHED])
+@pytest.mark.parametrize("variant", [TUNED, pytest.param(PUBLISHED, marks=pytest.mark.slow)])
 def test_light_goes_round_where_no_camera_looks(variant):
     found = {}
     for placement in ("camera", "rays"):

@@ -50,6 +50,7 @@ def test_in_a_furnace_irradiance_is_two_pi(variant, guided, depth):
     assert np.all(np.abs(irradiance / (2 * np.pi) - 1) < 0.05)
 
 
+@pytest.mark.slow
 def test_ray_guiding_keeps_the_mean_in_a_furnished_room():
     """Guided or not, the mean over the image is the same but for noise, known from other seeds."""
     means = np.array(

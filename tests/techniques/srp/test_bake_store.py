@@ -130,7 +130,9 @@ def start(folder: Path, **changed) -> subprocess.Popen:
     )
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+)
 def test_a_stopped_run_goes_on_where_it_was(tmp_path, how):
     slow = {"transport_rays": 8192}
     run = start(tmp_path, **slow)
