@@ -29,7 +29,7 @@ QUICK_ERROR = 0.05
 """Mean standard error of the truth over its mean. What noise adds to an error is taken off it."""
 RECEIVERS = 4096
 """Drawn from all, each as likely as any: 1 of 64 of an error's own size is left to chance."""
-SETTLE = SettleOptions(frames=512, seconds=20.0)
+SETTLE = SettleOptions(frames=512, seconds=45.0)
 SMALL_IMAGE = (160, 90)
 """Pixels: for a technique whose light the camera has no part in."""
 
