@@ -8,7 +8,6 @@ on them unless it reads them.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles, Floats, Ints
-
-Words = npt.NDArray[np.uint32]
+from gibench.scene.image_rows import Words, arrays_hash, packed_rows
 
 ROW_WORDS = 22
 """Of a packed row: six coordinates; first word, width and height of its image; the map's scale; the
@@ -53,31 +51,18 @@ class NormalMaps:
 
     def content_hash(self) -> str:
         """SHA-256 of all of it."""
-        digest = hashlib.sha256()
-        for array in self.arrays():
-            digest.update(str((array.shape, array.dtype.str)).encode())
-            digest.update(np.ascontiguousarray(array).tobytes())
-        return digest.hexdigest()
+        return arrays_hash(self.arrays())
 
     def packed(self, triangles: int) -> Words:
         """What kernels_cl/common/normal_map.cl reads, uint32: for each of ``triangles`` where its
         row begins, 0 for one without; the rows of ROW_WORDS; the images, a word a texel.
         """
-        count = len(self.triangle)
         coded = [packed_normals(pixels) for pixels in self.images]
-        first = triangles + ROW_WORDS * count
-        starts = first + np.concatenate(([0], np.cumsum([len(words) for words in coded])))[:-1]
-        shapes = np.array([pixels.shape[:2] for pixels in self.images], np.uint32).reshape(-1, 2)
-        table = np.zeros(triangles, np.uint32)
-        table[self.triangle] = triangles + ROW_WORDS * np.arange(count)
-        rows = np.empty((count, ROW_WORDS), np.uint32)
-        rows[:, :6] = np.ascontiguousarray(self.uvs, np.float32).reshape(-1, 6).view(np.uint32)
-        rows[:, 6] = starts[self.image]
-        rows[:, 7:9] = shapes[self.image][:, ::-1]
-        rows[:, 9] = np.ascontiguousarray(self.scale, np.float32).view(np.uint32)
-        tangents = np.ascontiguousarray(self.tangents, np.float32)
-        rows[:, 10:] = tangents.reshape(-1, 12).view(np.uint32)
-        return np.concatenate([table, rows.reshape(-1), *coded]).astype(np.uint32)
+        shapes = [pixels.shape for pixels in self.images]
+        scale = np.ascontiguousarray(self.scale, np.float32).reshape(-1, 1)
+        tangents = np.ascontiguousarray(self.tangents, np.float32).reshape(-1, 12)
+        more = np.concatenate([scale, tangents], axis=1).view(np.uint32)
+        return packed_rows(triangles, self.triangle, self.image, self.uvs, shapes, coded, more)
 
     def packed_words(self, triangles: int) -> int:
         """Words of :meth:`packed`."""

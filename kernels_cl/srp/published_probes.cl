@@ -1,15 +1,7 @@
 // Probe update as published (Bennett 2019, section 5.2, source code 5.3).
 #include "common/environment.cl"
 #include "common/vec.cl"
-
-#ifndef OCCLUDERS
-#define OCCLUDERS 0
-#endif
-#if OCCLUDERS
-#define BLOCKED_PARAM __global const float4 *blocked,
-#else
-#define BLOCKED_PARAM
-#endif
+#include "srp/relit.cl"
 
 // probe_update: one work-group per probe.
 //   lambda[i][j] = sum over relight rays of radiance * Y_j * 4 pi / samples

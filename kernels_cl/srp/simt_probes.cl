@@ -1,14 +1,7 @@
 // Probe update for devices that run work-items in lockstep: a work-group per probe, neighbours on
 // neighbouring coefficients, the samples shared out between rows of work-items.
 // Macros: SAMPLES (relight samples), CHUNK (samples held in local memory at once), COEFFICIENTS.
-#ifndef OCCLUDERS
-#define OCCLUDERS 0
-#endif
-#if OCCLUDERS
-#define BLOCKED_PARAM __global const float4 *blocked,
-#else
-#define BLOCKED_PARAM
-#endif
+#include "srp/relit.cl"
 
 // probe_update: one work-group per probe.
 //   lambda[i][j] = sum over relight rays of radiance * Y_j * 4 pi / samples
@@ -42,12 +35,7 @@ __kernel void probe_update(__global const int *updated, __global const int *sour
         for (int first = 0; first < SAMPLES; first += CHUNK) {
             const int count = min(CHUNK, SAMPLES - first);
             for (int i = item; i < count; i += items) {
-#if OCCLUDERS
-                const float4 before = blocked[(size_t)probe * SAMPLES + first + i];
-                const float4 sample = before.w == 0.0f ? radiance[rays[first + i]] : before;
-#else
-                const float4 sample = radiance[rays[first + i]];
-#endif
+                const float4 sample = relit(BLOCKED_ARG radiance, rays, probe, first + i);
                 red[i] = sample.x;
                 green[i] = sample.y;
                 blue[i] = sample.z;

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gibench.arrays import Ints
 from gibench.scene.cutouts import Cutouts
 from gibench.scene.gloss import GlossMaps
 from gibench.scene.glow import Glow, in_first_period
@@ -72,15 +73,23 @@ def glows(mesh_materials: tuple[Material, ...], used: Array) -> bool:
     return any(any(mesh_materials[i].emission) for i in np.unique(used))
 
 
+def _with_images(numbers: Array) -> tuple[Ints, Array, Ints]:
+    """Triangles that have an image, of ``numbers`` (t,) with -1 for none; which images those are;
+    and of each triangle its place among them.
+    """
+    triangle = np.flatnonzero(numbers >= 0).astype(np.int32)
+    used, image = np.unique(numbers[triangle], return_inverse=True)
+    return triangle, used, image.reshape(-1).astype(np.int32)
+
+
 def _cutouts_of(mesh: CleanMesh, content: Content) -> Cutouts | None:
     if mesh.cutouts is None or mesh.cutout_uvs is None:
         return None
-    triangle = np.flatnonzero(mesh.cutouts >= 0).astype(np.int32)
-    used, image = np.unique(mesh.cutouts[triangle], return_inverse=True)
+    triangle, used, image = _with_images(mesh.cutouts)
     return Cutouts(
         images=tuple(content.cutouts[number] for number in used),
         triangle=triangle,
-        image=image.reshape(-1).astype(np.int32),
+        image=image,
         uvs=np.ascontiguousarray(mesh.cutout_uvs[mesh.triangles[triangle]], np.float32),
     )
 
@@ -88,12 +97,11 @@ def _cutouts_of(mesh: CleanMesh, content: Content) -> Cutouts | None:
 def _glow_of(mesh: CleanMesh, content: Content) -> Glow | None:
     if mesh.glow is None or mesh.glow_uvs is None:
         return None
-    triangle = np.flatnonzero(mesh.glow >= 0).astype(np.int32)
-    used, image = np.unique(mesh.glow[triangle], return_inverse=True)
+    triangle, used, image = _with_images(mesh.glow)
     return Glow(
         images=tuple(content.glows[number] for number in used),
         triangle=triangle,
-        image=image.reshape(-1).astype(np.int32),
+        image=image,
         uvs=in_first_period(mesh.glow_uvs[triangle]),
     )
 
@@ -101,13 +109,11 @@ def _glow_of(mesh: CleanMesh, content: Content) -> Glow | None:
 def _normal_maps_of(mesh: CleanMesh, content: Content) -> NormalMaps | None:
     if mesh.bump is None or mesh.bump_uvs is None or mesh.bump_tangents is None:
         return None
-    triangle = np.flatnonzero(mesh.bump >= 0).astype(np.int32)
-    used, image = np.unique(mesh.bump[triangle], return_inverse=True)
-    image = image.reshape(-1)
+    triangle, used, image = _with_images(mesh.bump)
     return NormalMaps(
         images=tuple(content.normal_maps[number][0] for number in used),
         triangle=triangle,
-        image=image.astype(np.int32),
+        image=image,
         scale=np.array([content.normal_maps[n][1] for n in used], np.float32)[image],
         uvs=in_first_period(mesh.bump_uvs[triangle]),
         tangents=mesh.bump_tangents[triangle].astype(np.float32),
@@ -117,12 +123,11 @@ def _normal_maps_of(mesh: CleanMesh, content: Content) -> NormalMaps | None:
 def _gloss_maps_of(mesh: CleanMesh, content: Content) -> GlossMaps | None:
     if mesh.gloss is None or mesh.gloss_uvs is None:
         return None
-    triangle = np.flatnonzero(mesh.gloss >= 0).astype(np.int32)
-    used, image = np.unique(mesh.gloss[triangle], return_inverse=True)
+    triangle, used, image = _with_images(mesh.gloss)
     return GlossMaps(
         images=tuple(content.gloss_maps[number] for number in used),
         triangle=triangle,
-        image=image.reshape(-1).astype(np.int32),
+        image=image,
         uvs=in_first_period(mesh.gloss_uvs[triangle]),
     )
 

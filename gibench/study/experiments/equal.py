@@ -192,39 +192,31 @@ def _row(
     )
 
 
-def _label(unit: Measuring) -> str:
-    return " ".join(str(value) for value in unit.point.key.values())
+def _equal(context: Context, unit: Measuring, worker: Worker, *, by_time: bool) -> Found:
+    """The settings of a technique that come to the target, and of several the best otherwise."""
+    target = context.target or (GI_BUDGET_MS if by_time else ERROR_TARGET)
+    ladders, tried = _searched(context, unit, worker, target, by_time=by_time)
+    best = [rungs.best(target) for rungs in ladders]
+    met = [job for job, found in best if off(found, target) <= np.log1p(MET)]
+    # Where none comes to it, all are above or below: the nearest is taken.
+    jobs = met or [min(best, key=lambda one: off(one[1], target))[0]]
+    label = " ".join(str(value) for value in unit.point.key.values())
+    judge = _error_of if by_time else _time_ms
+    others = {id(job): judge(context, job, worker) for job in jobs} if len(jobs) > 1 else {}
+    chosen = min(jobs, key=lambda job: others.get(id(job), 0.0))
+    row, light = _row(context, unit, worker, chosen, label)
+    row |= {"target": target, "tried": tried, "met": bool(met)}
+    return Found([row], arrays={label: light})
 
 
 def _equal_time(context: Context, unit: Measuring, worker: Worker) -> Found:
     """The truest settings of a technique that take the target's GI ms."""
-    target = context.target or GI_BUDGET_MS
-    ladders, tried = _searched(context, unit, worker, target, by_time=True)
-    best = [rungs.best(target) for rungs in ladders]
-    met = [job for job, ms in best if off(ms, target) <= np.log1p(MET)]
-    # Where none comes to it, all are too dear or too cheap: the nearest is taken.
-    jobs = met or [min(best, key=lambda one: off(one[1], target))[0]]
-    label = _label(unit)
-    errors = {id(job): _error_of(context, job, worker) for job in jobs} if len(jobs) > 1 else {}
-    chosen = min(jobs, key=lambda job: errors.get(id(job), 0.0))
-    row, light = _row(context, unit, worker, chosen, label)
-    row |= {"target": target, "tried": tried, "met": bool(met)}
-    return Found([row], arrays={label: light})
+    return _equal(context, unit, worker, by_time=True)
 
 
 def _equal_error(context: Context, unit: Measuring, worker: Worker) -> Found:
     """The cheapest settings of a technique that are as far off as the target."""
-    target = context.target or ERROR_TARGET
-    ladders, tried = _searched(context, unit, worker, target, by_time=False)
-    best = [rungs.best(target) for rungs in ladders]
-    met = [job for job, error in best if off(error, target) <= np.log1p(MET)]
-    jobs = met or [min(best, key=lambda one: off(one[1], target))[0]]
-    label = _label(unit)
-    times = {id(job): _time_ms(context, job, worker) for job in jobs} if len(jobs) > 1 else {}
-    chosen = min(jobs, key=lambda job: times.get(id(job), 0.0))
-    row, light = _row(context, unit, worker, chosen, label)
-    row |= {"target": target, "tried": tried, "met": bool(met)}
-    return Found([row], arrays={label: light})
+    return _equal(context, unit, worker, by_time=False)
 
 
 def _present(context: Context, kept: Kept, table: pd.DataFrame, *, by_time: bool) -> str:

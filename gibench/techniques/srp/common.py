@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Argument, Buffer, reads
+from gibench.device import Argument, Buffer, Launch, reads
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
@@ -189,6 +190,20 @@ def extended_radiance(given: SrpInput) -> Floats:
         given.bake.relight.directions
     )
     return radiance
+
+
+def transport_passes(
+    given: SrpInput,
+    update: Callable[[], Sequence[Launch]],
+    project: Callable[[], Sequence[Launch]],
+    transport: Callable[[], Sequence[Launch]],
+) -> list[Pass]:
+    """Probe update, cluster projection, irradiance transport, of a variant's launches."""
+    return [
+        Pass("probe_update", update, given.update_work),
+        Pass("cluster_projection", project, given.sizes.projection_work(given.storage)),
+        Pass("irradiance_transport", transport, given.sizes.transport_work(given.storage)),
+    ]
 
 
 class SrpVariant(Protocol):

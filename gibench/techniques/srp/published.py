@@ -10,7 +10,7 @@ from gibench.arrays import Floats
 from gibench.device import BufferSpec, Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
-from gibench.techniques.srp.common import SrpInput, TransportSizes
+from gibench.techniques.srp.common import SrpInput, TransportSizes, transport_passes
 from gibench.techniques.srp.pack import pack_published, pack_samples
 from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
@@ -91,12 +91,7 @@ class Published:
 
     def passes(self) -> list[Pass]:
         """Probe update, cluster projection, irradiance transport."""
-        sizes, storage = self.given.sizes, self.given.storage
-        return [
-            Pass("probe_update", self._probe_update, self.given.update_work),
-            Pass("cluster_projection", self._projected, sizes.projection_work(storage)),
-            Pass("irradiance_transport", self._transported, sizes.transport_work(storage)),
-        ]
+        return transport_passes(self.given, self._probe_update, self._projected, self._transported)
 
     def dilate(self) -> Pass:
         """Dilation that looks at every texel."""

@@ -10,7 +10,12 @@ from gibench.arrays import Floats
 from gibench.device import BufferSpec, Launch, ProgramSpec, integer, local, reads, updates, writes
 from gibench.errors import CannotRun
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
-from gibench.techniques.srp.common import SrpInput, TransportSizes, extended_radiance
+from gibench.techniques.srp.common import (
+    SrpInput,
+    TransportSizes,
+    extended_radiance,
+    transport_passes,
+)
 from gibench.techniques.srp.pack import (
     TunedSizes,
     pack_tuned,
@@ -122,12 +127,7 @@ class Tuned:
 
     def passes(self) -> list[Pass]:
         """Probe update, cluster projection, irradiance transport."""
-        sizes, storage = self.given.sizes, self.given.storage
-        return [
-            Pass("probe_update", self._probe_update, self.given.update_work),
-            Pass("cluster_projection", self._projected, sizes.projection_work(storage)),
-            Pass("irradiance_transport", self._transported, sizes.transport_work(storage)),
-        ]
+        return transport_passes(self.given, self._probe_update, self._projected, self._transported)
 
     def dilate(self) -> Pass:
         """Dilation of the texels that need it."""
