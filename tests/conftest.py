@@ -1,9 +1,18 @@
-"""Random inputs that can be had again: a failure names its seed, ``--seed`` repeats it."""
+"""Random inputs that can be had again.
+
+Inputs are new in every commit and the same wherever that commit is tested, so that a red CI can be
+repeated: a test's seed comes from git's tree and the test's name. ``--fresh`` takes seeds of its
+own in every run (to hunt), and so does a tree without git. A failure names its seed, ``--seed``
+repeats it.
+"""
 
 from __future__ import annotations
 
 import gc
+import subprocess
+import zlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -13,6 +22,7 @@ from support.shared_builds import share_builds
 share_builds()
 
 _SEED = pytest.StashKey[int]()
+_TREE = pytest.StashKey[tuple[int, ...]]()
 _PICTURE = {
     "png": bytes.fromhex(  # one black pixel
         "89504e470d0a1a0a0000000d49484452000000010000000108000000003a7e9b550000000a49444154789c63"
@@ -24,6 +34,27 @@ _PICTURE = {
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--seed", type=int, help="seed of the tests' rng")
+    parser.addoption("--fresh", action="store_true", help="new seeds in this run")
+
+
+def _tree() -> tuple[int, ...]:
+    """The words of git's hash of the committed tree; random ones where there is no git."""
+    try:
+        told = subprocess.run(
+            ["git", "rev-parse", "HEAD^{tree}"],
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return tuple(int(word) for word in np.random.SeedSequence().generate_state(5))
+    return tuple(int(told[at : at + 8], 16) for at in range(0, len(told), 8))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    random = [int(word) for word in np.random.SeedSequence().generate_state(5)]
+    config.stash[_TREE] = tuple(random) if config.getoption("--fresh") else _tree()
 
 
 def pytest_collection_finish() -> None:
@@ -34,9 +65,11 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """A generator of a new seed in every test, kept for the report."""
-    given = request.config.getoption("--seed")
-    seed = int(np.random.SeedSequence().generate_state(1)[0]) if given is None else given
+    """A generator of a seed of each test's own, kept for the report."""
+    seed = request.config.getoption("--seed")
+    if seed is None:
+        words = (*request.config.stash[_TREE], zlib.crc32(request.node.nodeid.encode()))
+        seed = int(np.random.SeedSequence(words).generate_state(1)[0])
     request.node.stash[_SEED] = seed
     return np.random.default_rng(seed)
 

@@ -39,9 +39,11 @@ def test_some_receivers_are_those_receivers(tmp_path: Path, rng: np.random.Gener
     part = reference_irradiance(still, some, paths=512, seed=3)
     whole = reference_irradiance(still, lightmap, paths=512, seed=4)
     off = part.value - whole.value[chosen]
-    z = off / np.sqrt(part.stderr**2 + whole.stderr[chosen] ** 2 + 1e-12)
-    assert np.abs(z.mean()) < 0.5
-    assert z.std() < 2
+    # Neighbours of one path share its light and 40 receivers are few: each alone within 6 standard
+    # errors (of 512 paths; the light's tail is fat), and their mean by the errors' own sum.
+    error = np.sqrt(part.stderr**2 + whole.stderr[chosen] ** 2 + 1e-12)
+    assert np.abs(off / error).max() < 6
+    assert np.abs(off.mean()) < 5 * np.sqrt((error**2).mean() / len(chosen))
 
 
 def test_a_run_ends_with_its_answer(tmp_path: Path) -> None:
