@@ -55,7 +55,7 @@ def test_what_stands_still_is_told_by_windows_of_looks(rng: np.random.Generator)
     assert all(told[first:])
     # Noise at the threshold tells once; a change tells that it moves again.
     noisy = Steady(0.05, window=4)
-    found = [noisy.takes(value) for value in 1 + rng.uniform(-0.03, 0.03, 300)]
+    found = [noisy.takes(value) for value in 1 + rng.uniform(-0.024, 0.024, 300)]
     assert found[7:] == [True] * (len(found) - 7)
     assert not any(noisy.takes(value) for value in (1.5, 2.0, 2.5))
 
