@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import pandas as pd
 
-from gibench.device.device import select_cl_device
+from gibench.device.selection import select_cl_device
 from gibench.measure.machine import calibration
 from gibench.profiles import DeviceProfile, load_profile
 from gibench.profiles.written import profile_toml

@@ -17,13 +17,8 @@ from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
-from gibench.study.experiments.common import (
-    Context,
-    Experiment,
-    points_left,
-    run_experiment,
-    shard_record,
-)
+from gibench.study.experiments.common import Context, Experiment
+from gibench.study.experiments.running import points_left, run_experiment, shard_record
 from gibench.study.quality import check_target_error
 from gibench.study.site import Site
 from gibench.study.where import timed_where

@@ -12,9 +12,11 @@ from gibench.rays.embree import EmbreeTracer
 from gibench.reference.camera import image_plane
 from gibench.reference.host_cl import program_on
 from gibench.reference.packed import pack_fragments, pack_scene
-from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
+from gibench.reference.starts import CameraStart, ReceiverStart
+from gibench.reference.wavefront import Wavefront
+from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments
-from gibench.scene.model import Camera, Environment, Material, Scene
+from gibench.scene.model import Camera, Material, Scene
 from gibench.techniques.parts.conformance.case import Array, Bench, Case, off
 
 SAMPLES, BOUNCES = 1024, 2

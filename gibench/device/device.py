@@ -24,12 +24,10 @@ from gibench.device.launch import Launch, PreparedLaunch, instrumented, set_argu
 from gibench.device.layout import BufferSpec
 from gibench.device.pocl_cache import check_cache
 from gibench.device.program import Program, ProgramSpec, find_instrument
-from gibench.device.selection import first_device, list_devices, select_cl_device
+from gibench.device.selection import first_device
 from gibench.device.source import kernel_source
 from gibench.errors import CannotRun, GibenchError
 from gibench.profiles import DeviceProfile, unlimited_profile
-
-__all__ = ["Device", "first_device", "list_devices", "select_cl_device"]
 
 
 class Device:

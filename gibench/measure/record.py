@@ -20,7 +20,7 @@ from gibench.measure.plan.stopping import Plan
 from gibench.measure.runfolder.axes import Axis
 from gibench.measure.runfolder.folder import SCHEMA_VERSION, RunFolder
 from gibench.measure.session.cold import ColdFacts
-from gibench.measure.session.loop import RunOutcome
+from gibench.measure.session.live import RunOutcome
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.summary import Roofs
 from gibench.profiles import DeviceProfile

@@ -15,7 +15,8 @@ from gibench.measure.runfolder.axes import Axis, axes_of
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.session.cold import CacheFlush
 from gibench.measure.session.interrupts import Interrupts
-from gibench.measure.session.loop import RunOutcome, TakeImages, run_jobs
+from gibench.measure.session.live import RunOutcome, TakeImages
+from gibench.measure.session.loop import run_jobs
 from gibench.measure.session.shared import Shared
 from gibench.techniques.job import Job
 

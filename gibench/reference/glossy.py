@@ -20,7 +20,8 @@ from gibench.rays.offset import surface_offset
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_scene
 from gibench.reference.path_tracer import LEAST_ROUNDS, Reference
-from gibench.reference.wavefront import RayStart, Wavefront
+from gibench.reference.starts import RayStart
+from gibench.reference.wavefront import Wavefront
 from gibench.scene.gloss import gloss_at
 from gibench.scene.lightmap.albedo import bilinear
 from gibench.scene.model import Camera, Scene

@@ -18,11 +18,11 @@ from gibench.arrays import Floats
 from gibench.errors import BadInput
 from gibench.reference.camera import image_plane
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.environment import Environment
 from gibench.scene.glow import Glow
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
-    Environment,
     Light,
     Material,
     PointLight,

@@ -32,8 +32,9 @@ from gibench.rays.offset import ray_scale
 from gibench.reference import store
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
+from gibench.reference.starts import CameraStart, ReceiverStart
 from gibench.reference.tiles import Tracing, traced_rounds
-from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
+from gibench.reference.wavefront import Wavefront
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
 from gibench.work import Executor, elsewhere

@@ -17,14 +17,8 @@ from gibench.arrays import Doubles
 from gibench.rays.embree import scene_tracer
 from gibench.reference import store
 from gibench.reference.packed import pack_scene
-from gibench.reference.wavefront import (
-    CameraStart,
-    ReceiverStart,
-    Wavefront,
-    Work,
-    owners_at_once,
-    wave_capacity,
-)
+from gibench.reference.starts import CameraStart, ReceiverStart
+from gibench.reference.wavefront import Wavefront, Work, owners_at_once, wave_capacity
 from gibench.scene.model import Scene
 from gibench.work import Executor, Worker
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles
 from gibench.device import Argument, integer, reads, unsigned, updates, writes
 from gibench.rays.tracer import RayTracer
 from gibench.reference.host_cl import HostProgram, host_program
-from gibench.reference.packed import PackedFragments, PackedScene
+from gibench.reference.packed import PackedScene
 from gibench.reference.queues import Queues, Vertices
+from gibench.reference.starts import CameraStart, RayStart, ReceiverStart
 
 # Paths and shadow rays of one wave: enough that the short queues at a wave's end cost little,
 # few enough that the queues stay under some 300 MB.
@@ -43,60 +43,6 @@ class Work:
     rays: int = 0
     ray_seconds: float = 0.0
     seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class ReceiverStart:
-    """Paths start on the receivers and estimate indirect irradiance over pi."""
-
-    fragments: PackedFragments
-
-    @property
-    def owners(self) -> int:
-        """Number of receivers."""
-        return len(self.fragments.start) - 1
-
-
-@dataclass(frozen=True)
-class CameraStart:
-    """Paths start at the camera and estimate radiance.
-
-    Attributes:
-        plane: (4, 3), see :func:`gibench.reference.camera.image_plane`.
-        width: pixels.
-        height: pixels.
-        indirect_only: leave out emission seen directly and light straight from delta lights.
-        plain: take albedo 1 at the visible surface: irradiance over pi.
-    """
-
-    plane: Doubles
-    width: int
-    height: int
-    indirect_only: bool
-    plain: bool
-
-    @property
-    def owners(self) -> int:
-        """Number of pixels."""
-        return self.width * self.height
-
-
-@dataclass(frozen=True)
-class RayStart:
-    """Paths start along given rays, one each, and estimate the radiance that comes back.
-
-    Attributes:
-        origins: (n, 3) m, off the surface that they leave.
-        directions: (n, 3) unit.
-    """
-
-    origins: Doubles
-    directions: Doubles
-
-    @property
-    def owners(self) -> int:
-        """Number of rays."""
-        return len(self.origins)
 
 
 def wave_capacity(scene: PackedScene, wave_paths: int = WAVE_PATHS) -> int:

@@ -14,7 +14,8 @@ import pytest
 from gibench.bake import lightmap as lightmap_module
 from gibench.bake.lightmap import cached_lightmap, lightmap_key
 from gibench.scene.builtin import build
-from gibench.scene.model import Environment, Scene, Texture
+from gibench.scene.environment import Environment
+from gibench.scene.model import Scene, Texture
 from gibench.study.frozen import frozen
 
 

@@ -18,7 +18,8 @@ from support.scaled import scaled
 
 from gibench.measure.plan.grid import grid
 from gibench.profiles import load_profile
-from gibench.scene.model import DirectionalLight, Environment, Scene
+from gibench.scene.environment import Environment
+from gibench.scene.model import DirectionalLight, Scene
 from gibench.study.errors import errors, errors_among
 from gibench.study.frozen import FrozenShared
 from gibench.study.quality import group_of

@@ -109,13 +109,14 @@ def test_first_touches_are_told_by_buffer() -> None:
 
 def test_a_share_of_addresses_says_what_all_do(rng: np.random.Generator) -> None:
     # Blocks of 256 bytes drawn by a power law: some are read again soon, most never.
-    blocks = (rng.pareto(0.7, 60000) * 40).astype(np.int64) % 40000
+    blocks = (rng.pareto(0.7, 120_000) * 40).astype(np.int64) % 40000
     words = ((blocks * 8 + rng.integers(0, 8, len(blocks))) << 3) | READ
     whole = streams([each.tolist() for each in np.split(words, 6)])
-    few = thinned(whole, 15000)
+    few = thinned(whole, 30_000)
     assert few.kept == 4 and 0.1 < len(few.words) / len(whole.words) < 0.5
     assert few.ends[-1] == len(few.words)
     sizes = CacheSizes(2, 1, 16384, 262144, 128, 32)
     a, b = simulate(whole, sizes), simulate(few, sizes)
     assert b.first_bytes.sum() == pytest.approx(a.first_bytes.sum(), rel=0.1)
+    # What a quarter of the blocks fetches again scatters by 3 %, and is some 3 % too much.
     assert b.again_bytes == pytest.approx(a.again_bytes, rel=0.25)

@@ -18,14 +18,8 @@ from support.reference_scenes import (
 )
 
 from gibench.reference.path_tracer import reference_image, reference_irradiance
-from gibench.scene.model import (
-    Camera,
-    DirectionalLight,
-    Environment,
-    Material,
-    PointLight,
-    SpotLight,
-)
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, DirectionalLight, Material, PointLight, SpotLight
 
 
 def irradiance(scene, groups, **settings):

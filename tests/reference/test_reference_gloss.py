@@ -10,7 +10,8 @@ from support.reference_scenes import quad, scene_of
 
 from gibench.errors import BadInput
 from gibench.reference.glossy import reference_gloss
-from gibench.scene.model import Camera, Environment, Material
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, Material
 
 
 def floor_of(material):

@@ -11,7 +11,8 @@ from gibench.reference import host_cl, wavefront
 from gibench.reference.camera import image_plane
 from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.queues import Queues
-from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
+from gibench.reference.starts import CameraStart, ReceiverStart
+from gibench.reference.wavefront import Wavefront
 from gibench.scene.model import (
     Camera,
     DirectionalLight,

@@ -21,16 +21,9 @@ from gibench.errors import BadInput
 from gibench.reference.mitsuba_export import envmap_pixels, write_mitsuba
 from gibench.reference.path_tracer import reference_image
 from gibench.scene.builtin import build
+from gibench.scene.environment import Environment
 from gibench.scene.load import load_scene
-from gibench.scene.model import (
-    Camera,
-    DirectionalLight,
-    Environment,
-    Material,
-    PointLight,
-    SpotLight,
-    Texture,
-)
+from gibench.scene.model import Camera, DirectionalLight, Material, PointLight, SpotLight, Texture
 from gibench.scene.readers.backs import apart, with_backs
 from gibench.scene.readers.clean import CleanMesh
 

@@ -11,7 +11,8 @@ from gibench.reference import path_tracer, store
 from gibench.reference.path_tracer import reference_image, reference_irradiance
 from gibench.reference.store import Rounds
 from gibench.reference.wavefront import Wavefront
-from gibench.scene.model import Camera, Environment, Material, PointLight
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, Material, PointLight
 
 WALL = Material("wall", (0.5, 0.6, 0.7))
 LAMP = PointLight((0.5, 0.6, 0.5), (1.0, 1.0, 1.0), orbit_radius=0.2)

@@ -12,8 +12,10 @@ from gibench.reference import host_cl, wavefront
 from gibench.reference.packed import pack_fragments, pack_scene
 from gibench.reference.path_tracer import reference_image, reference_irradiance
 from gibench.reference.queues import Queues
-from gibench.reference.wavefront import ReceiverStart, Wavefront
-from gibench.scene.model import Camera, DirectionalLight, Environment, Material
+from gibench.reference.starts import ReceiverStart
+from gibench.reference.wavefront import Wavefront
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, DirectionalLight, Material
 from gibench.scene.normal_maps import NormalMaps
 
 

@@ -38,7 +38,8 @@ from gibench.reference import host_cl, wavefront
 from gibench.reference.camera import image_plane
 from gibench.reference.host_cl import HostProgram
 from gibench.reference.packed import pack_fragments, pack_scene
-from gibench.reference.wavefront import CameraStart, ReceiverStart, Wavefront
+from gibench.reference.starts import CameraStart, ReceiverStart
+from gibench.reference.wavefront import Wavefront
 from gibench.scene.builtin import build
 from gibench.scene.colours import Colours
 from gibench.scene.lightmap.atlas import unwrap

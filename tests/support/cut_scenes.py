@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from gibench.scene.cutouts import Cutouts
-from gibench.scene.model import Camera, Environment, Material, PointLight, Scene
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, Material, PointLight, Scene
 from support.reference_scenes import box, quad, scene_of
 
 WALL, LEAF = 0, 1

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
 from gibench.scene.model import (
     BLACK,
     DirectionalLight,
-    Environment,
     Material,
     PointLight,
     Scene,

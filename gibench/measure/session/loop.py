@@ -6,7 +6,6 @@ import gc
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from gibench.measure.session.beside import ConstantWork
 from gibench.measure.session.cold import CacheFlush
 from gibench.measure.session.enqueue import FrameTimes, PreparedPass
 from gibench.measure.session.interrupts import Interrupts
+from gibench.measure.session.live import Live, Loop, RunOutcome, TakeImages
 from gibench.measure.session.rest import RestWatch
 from gibench.measure.session.session import Session, check_job, with_size
 from gibench.measure.session.shared import Shared
@@ -31,86 +31,12 @@ from gibench.progress import progress
 from gibench.techniques.job import AUTO, Job
 from gibench.techniques.registry import declared_counts, find_technique, nothing_baked
 
-TakeImages = Callable[[JobResult, dict[str, Any]], None]
-
 BLOCK = 5
 """Frames a configuration runs before the next one's turn: caches are its own again after one."""
 MOST_ALIVE = 8
 """Configurations that take turns at most."""
 ALIVE_SHARE = 0.25
 """Share of the free host memory (and of the device's) that they may take together."""
-
-
-@dataclass
-class RunOutcome:
-    """What became of a run.
-
-    Attributes:
-        results: one per configuration, in order.
-        interrupted: whether Ctrl-C ended it early.
-        samples: stored, over all configurations.
-        write_error: why samples could not be stored any more, which ended it early.
-    """
-
-    results: list[JobResult]
-    interrupted: bool = False
-    samples: int = 0
-    write_error: GibenchError | None = None
-
-    @property
-    def first_error(self) -> BaseException | None:
-        """The first thing that went wrong, if anything did."""
-        return next((r.error for r in self.results if r.error is not None), None)
-
-    @property
-    def ended(self) -> bool:
-        """Whether nothing further is to be run."""
-        return self.interrupted or self.write_error is not None
-
-
-@dataclass
-class Live:
-    """A configuration that is set up on its device.
-
-    Attributes:
-        rest: tells when it is at rest.
-        warming_ms: wall times of its warm-up frames.
-        walls_ms: wall times of the frames that count.
-        rows: samples not stored yet.
-        pictured: whether its images were taken.
-        beside: timed after each of its frames, where they differ; made with the first.
-    """
-
-    result: JobResult
-    session: Session
-    rest: RestWatch
-    beside: ConstantWork | None = None
-    warming_ms: list[float] = field(default_factory=list)
-    walls_ms: list[float] = field(default_factory=list)
-    rows: list[tuple[Any, ...]] = field(default_factory=list)
-    pictured: bool = False
-
-    @property
-    def runs(self) -> bool:
-        """Whether it has any pass to run."""
-        return any(p.status == OK for p in self.session.prepared)
-
-
-@dataclass
-class Loop:
-    """What all configurations of a run have in common."""
-
-    plan: Plan
-    fit: bool
-    axes: Sequence[Axis]
-    shared: Shared
-    cl_device: Any
-    folder: RunFolder
-    outcome: RunOutcome
-    take_images: TakeImages | None
-    flush: CacheFlush | None
-    rng: np.random.Generator
-    interrupts: Interrupts
 
 
 def run_jobs(

@@ -19,16 +19,8 @@ from gibench.scene.builtin.bumps import Bumps, bumpy_surfaces
 from gibench.scene.builtin.patterns import pattern
 from gibench.scene.builtin.pieces import Piece
 from gibench.scene.colours import Change
-from gibench.scene.model import (
-    Camera,
-    Environment,
-    Light,
-    Material,
-    ProbeSettings,
-    Region,
-    Scene,
-    Texture,
-)
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, Light, Material, ProbeSettings, Region, Scene, Texture
 from gibench.scene.motion.file import read_motions
 from gibench.scene.readers.defaults import suggested_sizes
 from gibench.scene.readers.scene_file import (

@@ -8,9 +8,10 @@ import numpy as np
 
 from gibench.arrays import Ints
 from gibench.scene.cutouts import Cutouts
+from gibench.scene.environment import Environment
 from gibench.scene.gloss import GlossMaps
 from gibench.scene.glow import Glow, in_first_period
-from gibench.scene.model import MOST_UNFOLDED, DirectionalLight, Environment, Material, Scene
+from gibench.scene.model import MOST_UNFOLDED, DirectionalLight, Material, Scene
 from gibench.scene.normal_maps import NormalMaps
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.content import Array, Content, unit

@@ -8,8 +8,8 @@ import numpy as np
 
 from gibench.arrays import Floats
 from gibench.errors import BadInput
+from gibench.scene.environment import Environment
 from gibench.scene.files import read_bytes
-from gibench.scene.model import Environment
 from gibench.scene.readers.float_images import UnreadableImage, floats_from_bytes
 from gibench.scene.readers.textures import texture_from_bytes
 

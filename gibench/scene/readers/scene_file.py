@@ -18,12 +18,12 @@ import numpy as np
 from gibench.arrays import Vec3
 from gibench.errors import BadInput, printable
 from gibench.progress import progress
+from gibench.scene.environment import Environment
 from gibench.scene.files import find_beside, read_bytes
 from gibench.scene.model import (
     BLACK,
     Camera,
     DirectionalLight,
-    Environment,
     Light,
     PointLight,
     ProbeSettings,

@@ -5,7 +5,8 @@ import pytest
 from support.gibs_scenes import Frames, box_parts, furnace, furnished, gibs, scene_of
 
 from gibench.measure.session.enqueue import prepare_passes
-from gibench.scene.model import Camera, Environment, Material, PointLight
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, Material, PointLight
 from gibench.techniques.registry import PUBLISHED, TUNED
 
 SETTINGS = {

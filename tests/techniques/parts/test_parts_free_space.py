@@ -11,7 +11,8 @@ from support.tiny_scenes import box, quad_scene
 
 from gibench.profiles import load_profile
 from gibench.scene.builtin import build
-from gibench.scene.model import Camera, DirectionalLight, Environment, Material, PointLight, Scene
+from gibench.scene.environment import Environment
+from gibench.scene.model import Camera, DirectionalLight, Material, PointLight, Scene
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.parts.free_space import free_space, in_reach
 from gibench.techniques.registry import find_technique

@@ -9,7 +9,7 @@ from support.tiny_scenes import empty_room, room
 
 from gibench.rays.embree import EmbreeTracer, scene_tracer
 from gibench.rays.offset import surface_offset
-from gibench.scene.model import Environment
+from gibench.scene.environment import Environment
 from gibench.techniques.parts.probe_volume import fit_volume
 from gibench.techniques.surfel_cache.bake.caches import place_caches
 from gibench.techniques.surfel_cache.bake.data import LINK_SCALE, Atlas

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
-from gibench.scene.model import Environment, Material, Scene
+from gibench.scene.model import Material, Scene
 
 Array = npt.NDArray[Any]
 Quad = tuple[tuple[float, float, float], ...]  # corner, edge u, edge v; the front is along u x v

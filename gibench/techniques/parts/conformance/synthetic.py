@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from gibench.arrays import Floats
+from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
 from gibench.scene.model import (
     Camera,
     DirectionalLight,
-    Environment,
     Material,
     PointLight,
     Scene,

@@ -15,8 +15,9 @@ from support.tiny_scenes import box, empty_room, quad_scene
 
 from gibench.bake.run import BakeReport, run_bake
 from gibench.rays.embree import EmbreeTracer
+from gibench.scene.environment import Environment
 from gibench.scene.glow import Glow
-from gibench.scene.model import Environment, Material
+from gibench.scene.model import Material
 from gibench.techniques.parts.captured_probes import lighting, maps
 from gibench.techniques.parts.captured_probes.capture import capture, cube_directions
 from gibench.techniques.parts.captured_probes.points import Points
