@@ -18,6 +18,16 @@ _CONNECT_SECONDS = 10
 _ALLOWED_DEATHS = 20
 """Workers that may die while they compute a unit, before it is given up."""
 
+_MIB = 1024 * 1024
+_ENVIRONMENT = {
+    **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"), 1),
+    "MALLOC_MMAP_THRESHOLD_": 32 * _MIB,
+    "MALLOC_TRIM_THRESHOLD_": 64 * _MIB,
+}
+"""Of the workers started here. Dask's own ``MALLOC_TRIM_THRESHOLD_`` lets the C library ask the
+system anew for every large array, and a truth takes a fifth longer; these are where glibc's own
+thresholds end up in a process that uses large arrays (mallopt(3), DEFAULT_MMAP_THRESHOLD_MAX)."""
+
 
 @contextmanager
 def open_cluster(
@@ -54,6 +64,8 @@ def open_cluster(
     settings = {
         "distributed.admin.large-graph-warning-threshold": "1 TiB",
         "distributed.scheduler.allowed-failures": _ALLOWED_DEATHS,
+        "distributed.nanny.pre-spawn-environ": _ENVIRONMENT,
+        "distributed.worker.profile.enabled": False,  # it stops the worker every 10 ms
     }
     with ExitStack() as stack, dask.config.set(settings):
         stack.enter_context(_quiet("distributed"))
