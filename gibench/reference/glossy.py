@@ -4,11 +4,15 @@ The same reflectance as kernels_cl/common/ggx.cl, written down a second time: fa
 Trowbridge and Reitz (1975), Schlick's shadowing and Fresnel terms (1994). Directions are drawn as
 the facets are (Walter et al. 2007, section 5.2), and what comes along each is path-traced. All
 later bounces are diffuse, as everywhere here; normal maps have no part.
+
+And the same of a lobe cos^n, which surfel caches reflect besides their diffuse light.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +48,9 @@ class _Seen(NamedTuple):
     alpha: Doubles
 
 
+_Scatter = Callable[[_Seen, np.random.Generator], tuple[Doubles, Doubles]]
+
+
 def reference_gloss(
     scene: Scene,
     camera: Camera,
@@ -72,6 +79,56 @@ def reference_gloss(
         BadInput: too few paths, or a camera that makes no image.
         CannotRun: there is no OpenCL runtime for the CPU.
     """
+    return _reflected(scene, camera, width, height, _scattered, frame, paths, seed)
+
+
+def reference_lobe(
+    scene: Scene,
+    camera: Camera,
+    width: int,
+    height: int,
+    exponent: float,
+    *,
+    frame: int = 0,
+    paths: int = 256,
+    seed: int = 1,
+) -> Reference:
+    """A path-traced image of indirect light under a lobe cos^n about the mirrored direction, of
+    volume one, whatever the materials (Jendersie et al. 2016, section 3.2); nothing comes from
+    below a surface.
+
+    Args:
+        scene: the scene.
+        camera: one of its cameras or another.
+        width: pixels.
+        height: pixels.
+        exponent: n.
+        frame: the lights are where they are in this frame.
+        paths: per pixel, rounded up to whole rounds.
+        seed: of the randomisation.
+
+    Returns:
+        Radiance (height, width, 3) in W/m2/sr, and its standard error.
+
+    Raises:
+        BadInput: too few paths, or a camera that makes no image.
+        CannotRun: there is no OpenCL runtime for the CPU.
+    """
+    scatter = partial(_in_lobe, exponent=exponent)
+    return _reflected(scene, camera, width, height, scatter, frame, paths, seed)
+
+
+def _reflected(
+    scene: Scene,
+    camera: Camera,
+    width: int,
+    height: int,
+    scatter: _Scatter,
+    frame: int,
+    paths: int,
+    seed: int,
+) -> Reference:
+    """What ``scatter`` reflects towards the camera of the light that comes along its directions."""
     if paths < LEAST_ROUNDS:
         raise BadInput(f"{paths} paths give no standard error", mend=f"give {LEAST_ROUNDS} or more")
     began = time.perf_counter()
@@ -86,7 +143,7 @@ def reference_gloss(
             chosen = np.arange(first, min(first + at_once, pixels))
             owner = np.repeat(chosen, each)
             seen = _seen(scene, plane, width, height, owner, rng)
-            directions, weight = _scattered(seen, rng)
+            directions, weight = scatter(seen, rng)
             go = weight.any(axis=1)
             if not go.any():
                 continue
@@ -183,6 +240,23 @@ def _scattered(seen: _Seen, rng: np.random.Generator) -> tuple[Doubles, Doubles]
     # D n_h / (4 v_h) is the density; n_v and n_l are in the shadowing and under it.
     weight = np.where((n_l > 0) & above & (v_h > 0), masking * n_l * v_h / n_h, 0.0)
     return directions, weight[:, None] * fresnel
+
+
+def _in_lobe(seen: _Seen, rng: np.random.Generator, exponent: float) -> tuple[Doubles, Doubles]:
+    """Directions (n, 3) by cos^n about the mirrored ones, and 1 (n, 1) above the surface."""
+    turn, cosine = 2 * np.pi * rng.random(len(seen.alpha)), rng.random(len(seen.alpha))
+    cosine = cosine ** (1 / (exponent + 1))
+    across = np.sqrt(np.maximum(1 - cosine**2, 0))
+    n_v = np.einsum("nx,nx->n", seen.normal, seen.view)
+    mirrored = 2 * n_v[:, None] * seen.normal - seen.view
+    tangent = _unit(np.cross(mirrored, np.eye(3)[np.abs(mirrored).argmin(axis=1)]))
+    directions = (
+        (across * np.cos(turn))[:, None] * tangent
+        + (across * np.sin(turn))[:, None] * np.cross(mirrored, tangent)
+        + cosine[:, None] * mirrored
+    )
+    above = np.einsum("nx,nx->n", seen.geometric, directions) > 0
+    return directions, above[:, None].astype(np.float64)
 
 
 def _unit(vectors: Doubles) -> Doubles:

@@ -162,6 +162,8 @@ class TechniqueSpec:
             it where a configuration is told from others, in which chance has no part.
         long_bake: whether its bake takes minutes: where nobody named it, it is run only if that is
             stored already.
+        expected: what it will hold about, told from the same as ``buffers`` before anything is
+            baked, where that bound is far below it: settings that would fit are found by this.
         memory_options: what on the command line lowers its memory, for messages; its receivers
             are on the device only where ``--receivers`` is among them.
     """
@@ -183,7 +185,12 @@ class TechniqueSpec:
     woken_by: frozenset[Wakes] = frozenset(Wakes)
     counts: Mapping[str, str] = field(default_factory=dict)
     long_bake: bool = False
+    expected: Callable[[Known], list[BufferSpec]] | None = None
     memory_options: tuple[str, ...] = ("--receivers", "--probes", "--sh-order", "--resolution")
+
+    def expects(self, known: Known) -> list[BufferSpec]:
+        """What it will hold about, as far as ``known`` tells."""
+        return (self.expected or self.buffers)(known)
 
     def bake_key(self, context: BakeContext) -> str:
         """Tells what :meth:`bake` returns from all else; empty where nothing is baked."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -111,6 +112,12 @@ def test_more_links_than_the_profile_holds_are_refused_before_anything_is_baked(
     told = refused(3, *given, technique="surfel-cache", made=True)
     assert "profile iphone7 has 1,073,741,824" in told
     assert "lower --set surfel-cache.links" in told
+    fit = {name: int(n) for name, n in re.findall(r"surfel-cache\.(\w+)=(\d+)", told)}
+    assert told.rstrip().endswith("would fit, each alone")
+    # A buffer holds 2^28 bytes: of up to 230 000 caches, map and grid, 36 links of 32 bytes each,
+    # or 32 in whole vectors; of 256 links those of 32 768.
+    assert set(fit) == {"links", "caches"} and fit["links"] == 32
+    assert 32_768 > fit["caches"] > 0.8 * 32_768
     assert not list(Path(cache).glob("surfel-cache-*"))
 
 

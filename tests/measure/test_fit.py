@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from support.made import made
 from support.synthetic_bake import random_lightmap
 
 from gibench.device import BufferSpec, Device
-from gibench.errors import BadInput
+from gibench.errors import BadInput, CannotRun
 from gibench.measure.plan.fit import Demand, Footprint, demand_of
 from gibench.measure.plan.view import choose_camera
 from gibench.profiles import DeviceProfile, load_profile
@@ -40,6 +41,56 @@ def test_the_most_receivers_fit_and_one_more_does_not(
     assert 0 <= most <= asked_for
     assert most == 0 or fixed + most * each <= budget
     assert most == asked_for or fixed + (most + 1) * each > budget
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Of a technique that has no receivers on the device."""
+
+    boxes: int = 1000
+    nuts: int = 50
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.nuts < 3:
+            raise BadInput("too few nuts")
+
+
+@given(st.integers(1, 400), st.integers(1, 100), st.integers(100, 30_000), st.integers(50, 20_000))
+def test_a_refusal_names_the_most_that_fits(each: int, more: int, budget: int, one: int) -> None:
+    """Of every whole-numbered option alone, by what is expected; and one more would not."""
+
+    def held(known: Known) -> list[BufferSpec]:
+        s = known.job.settings
+        return [BufferSpec.of("a", s.boxes * each, np.uint8), BufferSpec.of("b", s.nuts, np.int64)]
+
+    def expected(known: Known) -> list[BufferSpec]:
+        return [*held(known), BufferSpec.of("c", known.job.settings.boxes * more, np.uint8)]
+
+    options = tuple(f"--set fake.{name}" for name in ("boxes", "nuts", "share"))
+    spec = replace(
+        fake_technique.SPEC, buffers=held, expected=expected, memory_options=options, name="fake"
+    )
+    profile = replace(IPHONE, memory_budget_bytes=budget, max_buffer_bytes=one)
+    job = Job("fake", _Settings(), "tuned", "none", profile, 64)
+    footprint = Footprint(spec, Known(job, build("cornell-box"), 0))
+    total, most = 1000 * each + 400, max(1000 * each, 400)
+    if total <= budget and most <= one:
+        footprint.check(0)
+        return
+    with pytest.raises(CannotRun) as refused:
+        footprint.check(0)
+    told = str(refused.value)
+    assert ("in one buffer" in told) == (most > one)
+    given_ = {name: int(n) for name, n in re.findall(r"fake\.(\w+)=(\d+)", told)}
+
+    def fits(boxes: int, nuts: int) -> bool:
+        sizes = boxes * each, 8 * nuts, boxes * more
+        return sum(sizes) <= budget and max(sizes) <= one
+
+    boxes = max((n for n in range(1, 1000) if fits(n, 50)), default=0)
+    nuts = max((n for n in range(3, 50) if fits(1000, n)), default=0)
+    assert given_ == {n: v for n, v in (("boxes", boxes), ("nuts", nuts)) if v}
 
 
 def test_the_demand_is_what_is_allocated_without_limits(rng: np.random.Generator) -> None:

@@ -87,6 +87,8 @@ FILES = {
     "surfel-frame": (),
     "surfel-memory": (),
     "surfel-density": ("surfel-density.png", "surfel-density.svg"),
+    "surfel-spacing": ("surfel-spacing.png",),
+    "surfel-gloss": ("surfel-gloss.png",),
     "surfel-failures": ("surfel-failures-spot.png", "surfel-failures-corridors.png"),
 }
 

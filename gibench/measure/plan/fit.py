@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gibench.device import Layout, largest, total_bytes
-from gibench.errors import CannotRun
+from gibench.device import BufferSpec, Layout, largest, total_bytes
+from gibench.errors import BadInput, CannotRun
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import build_bvh
 from gibench.scene.model import Scene
@@ -41,7 +41,10 @@ class Footprint:
 
     def floor(self, receivers: int) -> int:
         """Bytes it takes at least with ``receivers``."""
-        return total_bytes(self.spec.buffers(replace(self.known, receivers=receivers)))
+        return total_bytes(self._least(receivers))
+
+    def _least(self, receivers: int) -> list[BufferSpec]:
+        return self.spec.buffers(replace(self.known, receivers=receivers))
 
     def fits(self, receivers: int) -> bool:
         """Whether the floor is within the budget."""
@@ -65,19 +68,21 @@ class Footprint:
         Raises:
             CannotRun: says the bytes asked, the bytes there, and the settings that would fit.
         """
-        asked = self.floor(receivers)
-        there = self.profile.memory_budget_bytes
-        if asked <= there:
+        least = self._least(receivers)
+        asked, there = total_bytes(least), self.profile.memory_budget_bytes
+        # Of receivers on the device --fit leaves out what a single buffer has no room for.
+        if asked <= there and (has_receivers(self.spec) or _within(least, self.profile)):
             return
         most = self.most_receivers(receivers)
-        mend = f"lower {_lower(self.spec)}"
+        mend = f"lower {_lower(self.spec)}" + _that_fit(self.spec, self.known)
         if has_receivers(self.spec):
             mend = f"no number of receivers fits: {mend}"
         if most:
             mend = f"--receivers {most} may fit (or pass --fit)"
         raise CannotRun(
             f"{self.spec.name} on {self.known.scene.name} with {receivers:,} receivers asks for "
-            f"at least {asked:,} bytes; profile {self.profile.name} has {there:,}",
+            f"at least {asked:,} bytes{_in_one(least, self.profile)}; profile "
+            f"{self.profile.name} has {there:,}",
             mend=mend,
         )
 
@@ -126,6 +131,67 @@ class Demand:
             f"{profile.memory_budget_bytes:,} and allows {profile.max_buffer_bytes:,} in one",
             mend=mend,
         )
+
+
+def _within(buffers: Sequence[BufferSpec], profile: DeviceProfile) -> bool:
+    """Whether a profile has room for ``buffers``, all together and each."""
+    return (
+        total_bytes(buffers) <= profile.memory_budget_bytes
+        and largest(buffers) <= profile.max_buffer_bytes
+    )
+
+
+def _in_one(buffers: Sequence[BufferSpec], profile: DeviceProfile) -> str:
+    """What the largest buffer asks for, where that is more than one may have."""
+    most = largest(buffers)
+    if most <= profile.max_buffer_bytes:
+        return ""
+    return f", {most:,} of them in one buffer, which may have {profile.max_buffer_bytes:,}"
+
+
+def _that_fit(spec: TechniqueSpec, known: Known) -> str:
+    """Values of the technique's own whole-numbered memory options each of which would fit alone, by
+    all that the technique expects to hold; empty where there is none.
+    """
+    prefix = f"--set {spec.name}."
+    names = [o.removeprefix(prefix) for o in spec.memory_options if o.startswith(prefix)]
+    now = known.job.settings
+    found = [
+        f"{name}={most}"
+        for name in names
+        if type(getattr(now, name)) is int
+        and (most := _most_that_fits(spec, known, name, getattr(now, name)))
+    ]
+    if not found:
+        return ""
+    each = ", each alone" if len(found) > 1 else ""
+    return f"; {spec.name}.{f', {spec.name}.'.join(found)} would fit{each}"
+
+
+def _most_that_fits(spec: TechniqueSpec, known: Known, name: str, now: int) -> int:
+    """The largest value below ``now`` of a setting with which all that is expected fits; 0 if none
+    does. What is refused is too small.
+    """
+    most, low, high = 0, 0, now
+    while high - low > 1:
+        middle = (low + high) // 2
+        held = _expected(spec, known, name, middle)
+        if held is not None and not _within(held, known.job.profile):
+            high = middle
+            continue
+        low = middle
+        most = 0 if held is None else middle
+    return most
+
+
+def _expected(spec: TechniqueSpec, known: Known, name: str, value: int) -> list[BufferSpec] | None:
+    """What is expected with another value of a setting; None where that is refused."""
+    try:
+        settings = replace(known.job.settings, **{name: value})
+        spec.check(known.scene, settings)
+    except BadInput:
+        return None
+    return spec.expects(replace(known, job=replace(known.job, settings=settings)))
 
 
 def has_receivers(spec: TechniqueSpec) -> bool:

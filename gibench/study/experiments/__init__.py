@@ -18,7 +18,9 @@ from gibench.study.experiments import (
     sh_order,
     surfel_density,
     surfel_failures,
+    surfel_gloss,
     surfel_links,
+    surfel_spacing,
 )
 from gibench.study.experiments.common import Experiment
 
@@ -39,6 +41,8 @@ EXPERIMENTS = {
         surfel_links.FRAME,
         surfel_density.MEMORY,
         surfel_density.DENSITY,
+        surfel_spacing.SPACING,
+        surfel_gloss.GLOSS,
         surfel_failures.FAILURES,
         light_field.EXPERIMENT,
         defaults.EXPERIMENT,

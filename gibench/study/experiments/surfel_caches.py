@@ -24,6 +24,9 @@ MODERATE: Final = {"surfels": 32_768, "links": 128, "sh_bands": 3, "caches": 10_
 """The settings 2 of table 2."""
 _QUICK: Final = {"surfels": 512, "links": 16, "caches": 300, "relaxation": 2}
 
+RECEIVERS: Final = 20_000
+"""Points that it is compared on; no frame of it reads receivers."""
+
 GI_PASSES: Final = ("surfel_lighting", "pull", "cache_lighting", "dilation", "forward_render")
 PASS_TIMES: Final = tuple(f"{name}_ms" for name in (*GI_PASSES, "camera"))
 ERRORS: Final = ("bias", "rel_l2", "lab_l_mse", "flip")
@@ -35,7 +38,7 @@ def surfel_job(context: Context, **settings: Any) -> Job:
     # The built-in atrium stands for Sponza, which does not come with gibench.
     scene = context.scene_or("cornell-box" if context.quick else "atrium")[0]
     if not context.quick:
-        return context.of(TECHNIQUE, scene, context.profiles[0], **settings)
+        return context.of(TECHNIQUE, scene, context.profiles[0], RECEIVERS, **settings)
     few = {name: min(settings.get(name, most), most) for name, most in _QUICK.items()}
     return context.of(TECHNIQUE, scene, context.profiles[0], 1500, **{**settings, **few})
 

@@ -23,6 +23,10 @@ from gibench.study.regions import WHOLE
 from gibench.techniques.job import Job
 from gibench.work import Worker
 
+_SIZE: Final = {"surfels": 16_384, "caches": 5_000}
+"""Of the others: enough for rooms of a few metres."""
+AREA_LIGHT: Final = {"surfels": 40_000, "caches": 13_785}
+"""Figure 5's."""
 _CASES: Final[dict[str, tuple[tuple[str, dict[str, Any]], ...]]] = {
     "behind": (("kept", {"leave_out": False}), ("left out", {"leave_out": True})),
     "spot": (("32 links", {"links": 32}), ("254 links", {"links": 254})),
@@ -36,6 +40,10 @@ _CASES: Final[dict[str, tuple[tuple[str, dict[str, Any]], ...]]] = {
         ("3 bands", {"sh_bands": 3}),
         ("run time", {"projection": "runtime"}),
     ),
+    "stars": (
+        ("2 bands", {**AREA_LIGHT, "sh_bands": 2}),
+        ("3 bands", {**AREA_LIGHT, "sh_bands": 3}),
+    ),
 }
 _SAYS: Final = {
     "behind": "Caches behind geometry: a block sunk into floor and wall. Those inside it see no "
@@ -47,6 +55,7 @@ _SAYS: Final = {
     "all.",
     "panels": "An area light of nine coloured panels, its first bounce and its direct light from "
     "the same links.",
+    "stars": "An area light with an image, four asterisks and a ring in the ceiling (figure 5).",
 }
 # What the truth calls black, over its mean.
 _BLACK: Final = 1e-6
@@ -55,6 +64,7 @@ _BLACK: Final = 1e-6
 def _job(context: Context, case: str, settings: dict[str, Any]) -> Job:
     scene = str(data("scenes") / "surfel-caches" / f"{case}.toml")
     receivers = 1000 if context.quick else None
+    settings = {**_SIZE, **settings}
     if context.quick:
         few = {"surfels": 512, "caches": 300, "relaxation": 2}
         settings = {**settings, **few, "links": min(64, settings.get("links", 64))}

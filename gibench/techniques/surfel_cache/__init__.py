@@ -64,6 +64,19 @@ def _buffers(known: Known) -> list[BufferSpec]:
     ]
 
 
+def _expected(known: Known) -> list[BufferSpec]:
+    """All of the caches that are asked for, before anything is baked."""
+    settings: SurfelCacheSettings = known.job.settings
+    cells = volume_of(known.scene, settings).probes
+    tuned = known.job.variant == TUNED
+    sizes = Sizes.expected(settings, known.scene, cells, tuned)
+    return [
+        *FrameScene.declared(known),
+        *sizes.buffers(),
+        HitBuffer.spec(known.job.shot.width, known.job.shot.height),
+    ]
+
+
 def _sweep(scene: Scene) -> dict[str, tuple[int, ...]]:
     return {"links": (32, 128), "sh_bands": (2, 3)}
 
@@ -87,8 +100,10 @@ SPEC = TechniqueSpec(
     knobs=_knobs,
     check=_check,
     counts={"caches": "caches"},
+    expected=_expected,
     memory_options=(
         "--set surfel-cache.links",
+        "--set surfel-cache.sh_bands",
         "--set surfel-cache.caches",
         "--set surfel-cache.surfels",
         "--resolution",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -34,6 +34,11 @@ _LEAST_HALF: Final = 2.0**-14
 # Surfels beneath a subtree that one work-item pulls in the tuned variant, and how many there are.
 _SUBTREE: Final = 64
 _SUBTREES: Final = 1024
+# For what it will take about: a map may hold more caches than it aims for, gutters of charts are
+# empty texels, and links are padded to the widest vectors that devices prefer.
+_MORE_CACHES: Final = 1.05
+_TEXELS_PER_CACHE: Final = 2
+_WIDEST_VECTOR: Final = 16
 
 
 @dataclass(frozen=True)
@@ -101,6 +106,21 @@ class Sizes:
             cells=cells,
             environment=bool(np.asarray(scene.environment.pixels).any()),
             tuned=tuned,
+        )
+
+    @staticmethod
+    def expected(settings: SurfelCacheSettings, scene: Scene, cells: int, tuned: bool) -> Sizes:
+        """About what it takes, before anything is baked: every cache that is asked for, a little
+        more than the map aims for, and gutters as wide as they come.
+        """
+        caches = math.ceil(_MORE_CACHES * settings.caches)
+        return replace(
+            Sizes.least(settings, scene, cells, tuned),
+            slots=caches + cells,
+            links=padded_links(settings.links, tuned, _WIDEST_VECTOR),
+            texels=_TEXELS_PER_CACHE * caches,
+            border=_TEXELS_PER_CACHE * caches if tuned else 0,
+            subtrees=_SUBTREES,
         )
 
     def buffers(self) -> list[BufferSpec]:
