@@ -77,7 +77,7 @@ class Footprint:
         mend = f"lower {_lower(self.spec)}" + _that_fit(self.spec, self.known)
         if has_receivers(self.spec):
             mend = f"no number of receivers fits: {mend}"
-        if most:
+        if most and has_receivers(self.spec):
             mend = f"--receivers {most} may fit (or pass --fit)"
         raise CannotRun(
             f"{self.spec.name} on {self.known.scene.name} with {receivers:,} receivers asks for "
@@ -155,7 +155,9 @@ def _that_fit(spec: TechniqueSpec, known: Known) -> str:
     """
     prefix = f"--set {spec.name}."
     names = [o.removeprefix(prefix) for o in spec.memory_options if o.startswith(prefix)]
-    now = known.job.settings
+    if not names:
+        return ""
+    now, known = known.job.settings, replace(known, bvh=build_bvh(known.scene.corners))
     found = [
         f"{name}={most}"
         for name in names

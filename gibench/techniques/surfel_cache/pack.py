@@ -37,7 +37,7 @@ _SUBTREES: Final = 1024
 # For what it will take about: a map may hold more caches than it aims for, gutters of charts are
 # empty texels, and links are padded to the widest vectors that devices prefer.
 _MORE_CACHES: Final = 1.05
-_TEXELS_PER_CACHE: Final = 2
+_TEXELS_PER_CACHE: Final = 3
 _WIDEST_VECTOR: Final = 16
 
 

@@ -1,5 +1,6 @@
 """Surfel caches as a technique: what they converge to, what they let through, what they hold."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +11,12 @@ from support.surfel_scenes import looking
 from support.tiny_scenes import empty_room, room
 
 from gibench.bake.run import BakeReport
-from gibench.errors import BadInput
+from gibench.errors import BadInput, CannotRun
+from gibench.measure.plan.fit import Footprint
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
+from gibench.profiles import load_profile
 from gibench.scene.model import Material, PointLight
+from gibench.techniques.job import Job, Known, Shot
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.surfel_cache import SPEC
 from gibench.techniques.surfel_cache.memory import HIGH, MODERATE, published_bytes
@@ -56,6 +60,26 @@ def test_memory_is_declared(cache, variant, projection):
     assert technique.device.memory.total_bytes == before
     assert [p.name for p in technique.passes()] == PASSES
     assert technique.counts()["surfels"] == 300
+
+
+@pytest.mark.parametrize("limit", ["memory_budget_bytes", "max_buffer_bytes"])
+def test_what_a_refusal_says_would_fit_does(cache, limit):
+    """Links and caches of a room for which a profile has no room: those that it names are held."""
+    scene, lightmap = room()
+    scene = looking(scene)
+    tight = replace(load_profile("iphone7"), **{limit: 2_000_000})
+    asked = {**SMALL, "surfels": 600, "links": 500, "sh_bands": 4, "caches": 600}
+    job = Job("surfel-cache", SPEC.settings(asked), "tuned", "room", tight, 64, shot=Shot(64, 50))
+    with pytest.raises(CannotRun) as refused:
+        Footprint(SPEC, Known(job, scene, len(lightmap.receivers))).check(len(lightmap.receivers))
+    fit = {n: int(v) for n, v in re.findall(r"surfel-cache\.(\w+)=(\d+)", str(refused.value))}
+    assert 30 < fit["links"] < 100 and 20 < fit["caches"] < 200
+    for name, value in fit.items():
+        own = {**asked, name: value}
+        bake = baked(scene, lightmap, own, cache)
+        held = create(scene, lightmap, own, bake, "tuned").device.memory.allocated
+        most = max(held.values()) if limit == "max_buffer_bytes" else sum(held.values())
+        assert 1_000_000 < most <= 2_000_000, name
 
 
 @pytest.mark.parametrize("projection", ["stored", "runtime"])
