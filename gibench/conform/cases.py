@@ -10,7 +10,7 @@ from importlib.resources.abc import Traversable
 from importlib.util import find_spec
 
 import gibench.techniques
-from gibench.conform import parts, rays, reference, refit, roofs
+from gibench.conform import parts, rays, recolour, reference, refit, roofs
 from gibench.techniques.parts.conformance.case import Case
 
 _KERNEL = re.compile(r"__kernel\b\s*(?:__attribute__\(\((?:[^()]|\([^()]*\))*\)\)\s*)?void\s+(\w+)")
@@ -19,6 +19,7 @@ _KERNEL = re.compile(r"__kernel\b\s*(?:__attribute__\(\((?:[^()]|\([^()]*\))*\)\
 def cases() -> dict[str, Case]:
     """Every case by name: the shared ones, then those that techniques bring in their folders."""
     found = [*parts.CASES, *rays.CASES, *refit.CASES, *roofs.CASES, *reference.CASES]
+    found += recolour.CASES
     folder = gibench.techniques
     for module in pkgutil.iter_modules(folder.__path__):
         name = f"{folder.__name__}.{module.name}.conform"

@@ -10,7 +10,6 @@ from support.moving_scenes import (
     crowd,
     furnished_room,
     moved_in,
-    random_motion,
     read_corners,
     read_tree,
 )
@@ -34,6 +33,7 @@ from gibench.rays.refit import RefitPlan
 from gibench.rays.tracer import Hits
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import Turn
+from gibench.techniques.parts.conformance.synthetic import random_motion
 from gibench.techniques.parts.frame_scene import FrameScene
 
 SIZES = [1, 7, 64, 100]  # none of them divides what is moved

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
-from support.moving_scenes import LEFT, crowd, furnished_room, random_motion
+from support.moving_scenes import LEFT, crowd, furnished_room
 
 from gibench.cli.main import call
 from gibench.errors import BadInput
@@ -16,6 +16,7 @@ from gibench.scene.motion.file import load_motions
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import IDENTITY, Keyframes, Turn
 from gibench.techniques.object_motion import MotionOptions
+from gibench.techniques.parts.conformance.synthetic import random_motion
 
 ORIGIN = (0.0, 0.0, 0.0)
 

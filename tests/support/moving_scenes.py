@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gibench.rays.bvh import Bvh
 from gibench.scene.model import Camera, Material, PointLight
@@ -26,15 +25,6 @@ def furnished_room():
 def matrix3(matrix):
     a, b, c = (tuple(row) for row in np.asarray(matrix, float).tolist())
     return a, b, c
-
-
-def random_motion(name, rng, frames=4, low=(-3.0,) * 3, high=(3.0,) * 3):
-    """Any rigid poses, one in every frame, shifted by ``low`` to ``high`` m."""
-    turns = Rotation.random(frames, random_state=int(rng.integers(1 << 31))).as_matrix()
-    shifts = rng.uniform(low, high, (frames, 3)).tolist()
-    return Keyframes(
-        name, tuple(range(frames)), tuple(map(tuple, shifts)), tuple(map(matrix3, turns))
-    )
 
 
 def jump(name, shift, frame):

@@ -10,15 +10,16 @@ from support.made import made
 from support.shading_oracle import open_device
 from support.tiny_scenes import box, quad_scene
 
-from gibench.device import Device, updates
+from gibench.conform import recolour
+from gibench.device import list_devices
 from gibench.measure.session.enqueue import enqueue_frame, prepare_passes
 from gibench.scene.colours import Colours
 from gibench.scene.model import Camera
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.techniques.parts.material_table import MATERIAL_FLOATS, material_table
-from gibench.techniques.parts.recolouring import Recolouring, Shares
+from gibench.techniques.parts.conformance.case import Bench
+from gibench.techniques.parts.material_table import material_table
+from gibench.techniques.parts.recolouring import Shares
 from gibench.techniques.registry import BakeContext, find_technique, techniques
-from gibench.techniques.surfel_cache.shared_exponent import decode
 from gibench.techniques.technique import KnowsItsCover
 
 SMALL = {
@@ -102,66 +103,11 @@ def test_direct_light_shows_what_walls_send_out():
         )
 
 
-def random_shares(rng, places, of, rows):
-    """``places`` of ``of`` places that show up to four of ``rows`` materials."""
-    counts = rng.integers(1, 5, places)
-    entries = int(counts.sum())
-    return Shares(
-        np.sort(rng.choice(of, places, replace=False)).astype(np.int32),
-        np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
-        rng.integers(0, rows, entries).astype(np.int32),
-        rng.uniform(0, 0.3, (entries, 4)).astype(np.float32),
-        rng.uniform(0, 0.1, (places, 2, 3)).astype(np.float32),
-    )
-
-
 @pytest.mark.parametrize("size", [7, 64, 100])
-@pytest.mark.parametrize("kind", ["parts/recolour_receivers", "parts/recolour_captured",
-                                  "surfel_cache/recolour"])  # fmt: skip
+@pytest.mark.parametrize("kind", recolour.KINDS)
 def test_recolour_is_the_sum_of_shares(rng, kind, size):
-    """In float64; halves round by 2^-11 of themselves, surfels by half a 1023rd and by half of a
-    512th of their brightest channel. What does not change is left alone."""
-    device: Device = open_device()
-    of, rows = 400, 6
-    shares = random_shares(rng, 333, of, rows)
-    materials = rng.uniform(0, 1, (rows, MATERIAL_FLOATS)).astype(np.float32)
-    materials[:, 3:6] *= 5
-    table = device.upload("materials", materials)
-    before = rng.integers(1, 1 << 10, (of, 4))
-    if kind == "parts/recolour_receivers":
-        names, dtype, wide = ("albedo", "emission"), np.float32, 3
-    elif kind == "parts/recolour_captured":
-        names, dtype, wide = ("captured_albedo", "captured_emission"), np.float16, 4
-    else:
-        names, dtype, wide = ("surfel_albedo", "surfel_emission"), np.uint32, 1
-    start = before[:, :wide].astype(dtype)
-    held = [device.upload(name, start.copy()) for name in names]
-    store = tuple(updates(name, one) for name, one in zip(names, held, strict=True))
-    recolouring = Recolouring.create(device, shares, table, f"{kind}.cl", store, 24)
-    (item,) = recolouring.passes()
-    for launch in item.launches():
-        device.enqueue(launch, size)
-    found = [device.read(one) for one in held]
-    owner = np.repeat(np.arange(333), np.diff(shares.starts))
-    wanted = shares.rest.astype(np.float64)
-    share = shares.shares.astype(np.float64)
-    np.add.at(wanted[:, 0], owner, share[:, :3] * materials[shares.rows, :3])
-    np.add.at(wanted[:, 1], owner, share[:, 3:] * materials[shares.rows, 3:6])
-    others = np.setdiff1d(np.arange(of), shares.places)
-    for one in found:
-        np.testing.assert_array_equal(one[others], start[others])
-    albedo, emission = (one[shares.places] for one in found)
-    if wide == 1:
-        q = np.stack([albedo[:, 0] >> s & 1023 for s in (0, 10, 20)], axis=1)
-        exact = np.clip(wanted[:, 0], 0, 1) * 1023
-        assert np.all(np.abs(q - exact) <= 0.5 + 1e-3)
-        step = np.maximum(wanted[:, 1].max(axis=1), 2.0**-16) / 512
-        assert np.all(np.abs(decode(emission[:, 0]) - wanted[:, 1]) <= 1.001 * step[:, None])
-        return
-    rounding = 2.0**-11 if wide == 4 else 0.0
-    for one, exact in zip((albedo, emission), wanted.swapaxes(0, 1), strict=True):
-        bound = (rounding + 2e-6) * exact + 1e-7
-        assert np.all(np.abs(one[:, :3].astype(np.float64) - exact) <= bound)
+    for off in recolour.recoloured(Bench(list_devices()[0]), rng, size, kind):
+        assert off < 1
 
 
 def test_a_surfel_or_captured_texel_keeps_its_image(rng):

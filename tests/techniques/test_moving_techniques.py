@@ -16,7 +16,6 @@ from support.moving_scenes import (
     UNDER_THE_LAMP,
     furnished_room,
     jump,
-    random_motion,
     scene_in,
     shaded_room,
 )
@@ -36,6 +35,7 @@ from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import Keyframes, Turn
 from gibench.techniques.direct import SPEC as DIRECT
 from gibench.techniques.gibs.settings import PERSPECTIVE
+from gibench.techniques.parts.conformance.synthetic import random_motion
 from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import (
     PUBLISHED,

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gibench.device import SIMT, WIDE, Layout
 from gibench.rays.embree import EmbreeTracer
-from gibench.techniques.ddgi import SPEC
+from gibench.techniques.ddgi import conform_view
+from gibench.techniques.ddgi.conform_made import made
 from gibench.techniques.ddgi.conform_oracle import (
     DISTANCE,
     FAR,
     IRRADIANCE,
     OFFSET,
-    SMALL,
     VARIABILITY,
     VARIATION,
     Array,
@@ -37,30 +36,10 @@ from gibench.techniques.parts.conformance.case import (
     Bench,
     Case,
     at_least,
-    created,
     off,
     run_pass,
 )
 from gibench.techniques.parts.conformance.shading import PlaneHits
-from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
-from gibench.techniques.registry import BakeContext
-
-
-def _made(
-    bench: Bench,
-    rng: np.random.Generator,
-    size: int,
-    variant: str = "tuned",
-    local_memory: int = 16384,
-    layout: Layout | None = None,
-    **settings: Any,
-) -> Any:
-    scene = random_scene(rng, 80)
-    chosen = SPEC.settings({**SMALL, **settings})
-    lightmap = random_lightmap(rng, scene, 300, 20, 20)
-    volume = SPEC.bake(BakeContext(scene, lightmap, chosen, Path()))
-    device = bench.open(local_memory, layout)
-    return created(SPEC, device, scene, lightmap, chosen, volume, variant, size)
 
 
 def _inner(maps: Array) -> Array:
@@ -70,7 +49,7 @@ def _inner(maps: Array) -> Array:
 
 def _trace(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """What probes' rays hit."""
-    technique = _made(bench, rng, size)
+    technique = made(bench, rng, size)
     randomise(technique, rng)
     technique.begin_frame(size)
     run_pass(technique, "probe_trace", size)
@@ -109,7 +88,7 @@ def _trace(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]
 
 def _shade(bench: Bench, rng: np.random.Generator, size: int, variant: str) -> Iterator[float]:
     """The light at what probes' rays hit."""
-    technique = _made(bench, rng, size, variant)
+    technique = made(bench, rng, size, variant)
     randomise(technique, rng, states=(0, 1, 3, 3))
     technique.begin_frame(17 + size)
     run_pass(technique, "probe_trace", 64)
@@ -171,7 +150,7 @@ def _blend(
     """Moving averages of irradiance and of distance."""
     # 700 bytes of local memory hold 25 of 41 rays for irradiance, 43 for distance.
     local_memory = 16384 if layout == SIMT else 700
-    technique = _made(bench, rng, size, variant, local_memory, layout, storage="fp32")
+    technique = made(bench, rng, size, variant, local_memory, layout, storage="fp32")
     randomise(technique, rng, states=(0, 1, 3, 3))
     technique.begin_frame(3)
     s, device, probes = state_of(technique), technique.device, technique.probes
@@ -203,7 +182,7 @@ def _blend(
 
 def _borders(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """Borders of octahedral maps repeat the texel across the fold."""
-    technique = _made(bench, rng, size, irradiance_texels=4 + size % 5, distance_texels=7)
+    technique = made(bench, rng, size, irradiance_texels=4 + size % 5, distance_texels=7)
     expected = []
     for maps in (technique.probes.irradiance, technique.probes.distance):
         values = rng.uniform(0, 2, maps.shape).astype(maps.dtype)
@@ -216,7 +195,7 @@ def _borders(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[floa
 
 def _moving(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """Relocation and classification of probes."""
-    technique = _made(bench, rng, size, counts="9x7x6", min_frontface_distance=0.4)
+    technique = made(bench, rng, size, counts="9x7x6", min_frontface_distance=0.4)
     randomise(technique, rng)
     s, device, probes = state_of(technique), technique.device, technique.probes
     shape = (len(s.state), s.settings.fixed)
@@ -241,7 +220,7 @@ def _moving(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float
 def _variability(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """The mean over all texels of probes in use."""
     settings: Mapping[str, Any] = {"counts": "20x10x10", "rays": 14, "irradiance_texels": 6}
-    technique = _made(bench, rng, size, **settings)
+    technique = made(bench, rng, size, **settings)
     randomise(technique, rng, states=(0, 1, 2, 3, 3))
     values = rng.lognormal(0, 2, technique.probes.variability.shape).astype(np.float32)
     technique.device.write(technique.probes.variability, values)
@@ -253,7 +232,7 @@ def _variability(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[
 def _gather(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """Irradiance from eight probes at receivers, in and outside of the volume."""
     place: Mapping[str, Any] = {"origin": "-0.6,-0.5,-0.4", "spacing": "0.3,0.4,0.5"}
-    technique = _made(bench, rng, size, **place)
+    technique = made(bench, rng, size, **place)
     randomise(technique, rng, states=(0, 2, 3, 3, 3))
     s = state_of(technique)
     receivers = technique._world.lightmap.receivers
@@ -307,4 +286,5 @@ CASES = [
         _variability,
     ),
     Case("DDGI's gather", ("ddgi/application.cl:receiver_irradiance",), _gather, (7, 64)),
+    *conform_view.CASES,
 ]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gibench.device import Define, Device, Launch, ProgramSpec, integer, reads, updates, writes
+from gibench.techniques.gibs import conform_life, conform_rays
 from gibench.techniques.gibs.conform_oracle import (
     STRETCH,
     Array,
@@ -267,4 +268,6 @@ CASES = [
         for floored in (True, False)
     ),
     Case("GIBS's coverage of tiles", ("gibs/life.cl:coverage",), _coverage),
+    *conform_rays.CASES,
+    *conform_life.CASES,
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from gibench.device import SIMT, WIDE, Layout
 from gibench.techniques.parts.conformance.case import Bench, Case, created, off, run_pass
 from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
-from gibench.techniques.srp import SPEC, conform_bake
+from gibench.techniques.srp import SPEC, conform_bake, conform_movers
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.conform_oracle import (
     expected_irradiance,
@@ -91,4 +91,8 @@ def _cases(shape: str) -> list[Case]:
     ]
 
 
-CASES = [*(case for shape in SHAPES for case in _cases(shape)), *conform_bake.CASES]
+CASES = [
+    *(case for shape in SHAPES for case in _cases(shape)),
+    *conform_bake.CASES,
+    *conform_movers.CASES,
+]

@@ -6,26 +6,12 @@ from support.gibs_scenes import Frames, furnace, furnished, gibs
 
 from gibench.errors import BadInput
 from gibench.scene.model import Camera
+from gibench.techniques.gibs.conform_state import random_words
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.surfels import NO_RAY
 from gibench.techniques.registry import PUBLISHED, TUNED
 
 FACTOR = 0x9E3779B1
-
-
-def pcg3d(a, b, c):
-    """Jarzynski and Olano 2020, in whole numbers."""
-    m = 2**32
-    v = [(n * 1664525 + 1013904223) % m for n in (a, b, c)]
-
-    def turn():
-        for i in range(3):
-            v[i] = (v[i] + v[(i + 1) % 3] * v[(i + 2) % 3]) % m
-
-    turn()
-    v = [n ^ (n >> 16) for n in v]
-    turn()
-    return v
 
 
 def cells_of(technique, points):
@@ -71,7 +57,7 @@ def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
     far, owner = read(s.ray_light)[bare, 3], read(s.ray_owner)[bare]
     assert (far > read(s.geometry.radii)[owner]).all()  # shorter ones are passed over
     points, objects = hits_of(technique, scene, bare)
-    mask = pcg3d(seed, 3, 0xBA4E)[0]
+    mask = int(random_words(seed, 3, 0xBA4E)[0, 0])
     own = np.array([(int(ray) ^ mask) * FACTOR % 2**32 for ray in bare], np.uint64)
     expected = np.full(len(keys), NO_RAY, np.uint64)
     np.minimum.at(expected, cells_of(technique, points), own)
@@ -87,7 +73,7 @@ def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
     launch.enqueue(device.queue)
     after = read(s.counters)
     for cell in np.flatnonzero(keys != NO_RAY):
-        if pcg3d(seed ^ 0xC2B2AE35, 3, int(cell))[0] < round(0.6 * 2**32):
+        if random_words(seed ^ 0xC2B2AE35, 3, int(cell))[0, 0] < round(0.6 * 2**32):
             ids.append((free[before[1] - 1 - len(ids)], by_number[int(keys[cell])]))
     assert after[0] - before[0] == before[1] - after[1] == len(ids) > 2
     alive = read(technique.surfels.geometry.alive_ids)[before[0] : after[0]]

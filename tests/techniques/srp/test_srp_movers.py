@@ -13,7 +13,6 @@ from support.moving_scenes import (
     UNDER_THE_LAMP,
     furnished_room,
     jump,
-    random_motion,
     shaded_room,
 )
 from support.shading_oracle import direct_irradiance, open_device
@@ -27,21 +26,14 @@ from gibench.rays.embree import EmbreeTracer
 from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import Turn
+from gibench.techniques.parts.conformance.synthetic import random_motion
 from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.parts.octahedral_maps import octahedral_decode
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.srp import SPEC
 from gibench.techniques.srp.bake.data import ProbeSet
-from gibench.techniques.srp.bake.sh import sh_basis
-from gibench.techniques.srp.bake.weights import spatial_weight
-from gibench.techniques.srp.conform_oracle import write_lambda
-from gibench.techniques.srp.probe_light import (
-    DEPTH_BIAS,
-    DEPTH_SIDE,
-    LEAST_SEEN,
-    probe_depths,
-    with_borders,
-)
+from gibench.techniques.srp.conform_movers import probe_light, probes_told, randomise
+from gibench.techniques.srp.probe_light import DEPTH_SIDE, probe_depths
 from gibench.techniques.srp.resting import resting_lightmap, resting_scene
 from gibench.techniques.srp.turns import ProbeTurns
 
@@ -77,60 +69,6 @@ def run_pass(technique, name, size):
         one.enqueue(technique.device.queue)
 
 
-def looked_up(maps, probe, direction):
-    """A bordered octahedral map at unit directions (n, 3), bilinear, in float64."""
-    d = direction / np.abs(direction).sum(axis=1, keepdims=True)
-    sign = np.where(d[:, :2] >= 0, 1.0, -1.0)
-    square = np.where(d[:, 2:] >= 0, d[:, :2], (1 - np.abs(d[:, 1::-1])) * sign)
-    at = (square * 0.5 + 0.5) * DEPTH_SIDE + 0.5
-    corner = np.clip(np.floor(at), 0, DEPTH_SIDE).astype(int)
-    x, y = (at - corner).T[:, :, None]
-    c, r = corner.T
-    m = maps[probe]
-    top = m[r, c] * (1 - x) + m[r, c + 1] * x
-    return top * (1 - y) + (m[r + 1, c] * (1 - x) + m[r + 1, c + 1] * x) * y
-
-
-def probe_light(bake, maps, radiance, position, normal):
-    """Irradiance (n, 3) at points, and the weight (n,) of the probes in reach."""
-    c = min(9, bake.coefficients)
-    factor = np.array([np.pi, *[2 * np.pi / 3] * 3, *[np.pi / 4] * 5])[:c]
-    basis = sh_basis(bake.sh_order, normal)[:, :c] * factor
-    total, weights = np.zeros((len(position), 3)), np.zeros(len(position))
-    apart = position[:, None] - bake.probes.positions.astype(np.float64)
-    distance = np.linalg.norm(apart, axis=2)
-    each = np.einsum("nc,pck->pnk", basis, radiance[:, :c].astype(np.float64)).clip(0)
-    for probe in range(len(bake.probes)):
-        d = distance[:, probe]
-        moments = looked_up(maps, probe, apart[:, probe] / d[:, None])
-        behind = d - DEPTH_BIAS * bake.probes.radius - moments[:, 0]
-        variance = np.abs(moments[:, 1] - moments[:, 0] ** 2)
-        bound = np.maximum((variance / (variance + behind**2)) ** 3, LEAST_SEEN)
-        weight = spatial_weight(d / bake.probes.radius) * np.where(behind > 0, bound, 1.0)
-        total += weight[:, None] * each[probe]
-        weights += weight
-    nearest = distance.argmin(axis=1)
-    alone = each[nearest, np.arange(len(position))]
-    inside = weights > 0
-    return np.where(inside[:, None], total / np.maximum(weights, 1e-30)[:, None], alone), weights
-
-
-def random_depths(rng, probes):
-    mean = rng.uniform(0.3, 2.0, (probes, DEPTH_SIDE, DEPTH_SIDE))
-    square = mean**2 + rng.uniform(0.02, 0.2, mean.shape)
-    return with_borders(np.stack([mean, square], axis=-1).astype(np.float32))
-
-
-def randomise(technique, bake, rng):
-    """Random light and depths; both as they lie on the device."""
-    radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
-    radiance[:, 0] += 2.0
-    write_lambda(technique, radiance)
-    maps = random_depths(rng, 11)
-    technique.device.write(technique.movers.light.depth, maps)
-    return radiance, maps.astype(np.float64)
-
-
 @pytest.mark.parametrize(("size", "variant"), SIZES)
 def test_the_probes_light_anywhere(rng, size, variant):
     """Against float64. Left out: points where all probes in reach together weigh under a
@@ -155,11 +93,7 @@ def test_the_probes_light_anywhere(rng, size, variant):
     found = device.read(held[2])
     at, n = position.astype(np.float64), normal.astype(np.float64)
     expected, weights = probe_light(bake, maps, radiance, at, n)
-    distance = np.linalg.norm(at[:, None] - bake.probes.positions, axis=2)
-    ordered = np.sort(distance, axis=1)
-    told = (weights > 1e-3) | (
-        (ordered[:, 0] > 1.001 * 1.3) & (np.diff(ordered[:, :2])[:, 0] > 1e-4)
-    )
+    told = probes_told(bake, at, weights)
     assert told.mean() > 0.8 and (weights[told] == 0).any()
     np.testing.assert_allclose(found[told], expected[told], rtol=0, atol=2e-4 * expected.max())
 

@@ -17,6 +17,7 @@ from gibench.device import Device, Launch, Layout
 from gibench.profiles import load_profile
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
+from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.job import Job, Shot, World
 from gibench.techniques.registry import TechniqueSpec
 from gibench.techniques.technique import Technique
@@ -125,8 +126,9 @@ def created(
     variant: str,
     size: int,
     image: tuple[int, int] = (24, 16),
+    motion: MovingObjects | None = None,
 ) -> Any:
     """A technique on a device, without a run around it."""
     shot = Shot(*image)
     job = Job(spec.name, settings, variant, scene.name, device.profile, size, seed=0, shot=shot)
-    return spec.create(device, job, World(scene, lightmap, baked, scene.cameras[0], None, None))
+    return spec.create(device, job, World(scene, lightmap, baked, scene.cameras[0], None, motion))

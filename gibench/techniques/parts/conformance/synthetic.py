@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from gibench.arrays import Floats
+from gibench.arrays import Floats, Vec3
 from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
 from gibench.scene.model import (
@@ -16,6 +17,7 @@ from gibench.scene.model import (
     SpotLight,
     Texture,
 )
+from gibench.scene.poses import Keyframes
 
 
 def random_unit(rng: np.random.Generator, count: int) -> Floats:
@@ -53,6 +55,24 @@ def random_scene(rng: np.random.Generator, triangles: int = 60) -> Scene:
         ),
         environment=Environment(rng.uniform(0, 1, (6, 9, 3)).astype(np.float32)),
         cameras=(Camera((0.2, 0.1, 3.5), (0.0, 0.0, 0.0)),),
+    )
+
+
+def random_motion(
+    name: str,
+    rng: np.random.Generator,
+    frames: int = 4,
+    low: Vec3 = (-3.0, -3.0, -3.0),
+    high: Vec3 = (3.0, 3.0, 3.0),
+) -> Keyframes:
+    """Any rigid poses of an object, one in every frame, shifted by ``low`` to ``high`` m."""
+    turns = Rotation.random(frames, random_state=int(rng.integers(1 << 31))).as_matrix().tolist()
+    shifts = rng.uniform(low, high, (frames, 3)).tolist()
+    return Keyframes(
+        name,
+        tuple(range(frames)),
+        tuple((x, y, z) for x, y, z in shifts),
+        tuple(tuple((a, b, c) for a, b, c in turn) for turn in turns),  # type: ignore[misc]
     )
 
 
