@@ -22,6 +22,10 @@ def ab(
     variant: Annotated[
         str, typer.Option("--variant", metavar="published|tuned", help="The technique's variant.")
     ] = "tuned",
+    layout: Annotated[
+        str | None,
+        typer.Option("--layout", metavar="wide|simt", help="As in 'gibench run'."),
+    ] = None,
     device_profile: Annotated[
         str, typer.Option("--device-profile", "-d", metavar="NAME|FILE", help="Device to model.")
     ] = "iphone7",
@@ -91,6 +95,7 @@ def ab(
         scene=scene,
         technique=technique,
         variant=variant,
+        layout=layout,
         device_profile=device_profile,
         sh_order=sh_order,
         probes=probes,

@@ -17,6 +17,7 @@ def quality(
     scene: options.Scenes = ["cornell-box"],  # noqa: B006
     technique: options.Techniques = _DEFAULT_TECHNIQUES,
     variant: options.Variants = ["tuned"],  # noqa: B006
+    layout: options.Layouts = None,
     sh_order: options.ShOrders = None,
     probes: options.Probes = None,
     receivers: options.ReceiverCounts = None,
@@ -131,6 +132,7 @@ def quality(
             scene=scene,
             technique=technique,
             variant=variant,
+            layout=layout,
             sh_order=sh_order,
             probes=probes,
             receivers=receivers,

@@ -21,6 +21,7 @@ from gibench.measure.machine.environment import device_record, environment, vers
 from gibench.measure.plan.stopping import Patience
 from gibench.progress import progress
 from gibench.report.comparison import Comparison, Row
+from gibench.techniques.job import Job
 
 
 def ab(
@@ -29,6 +30,7 @@ def ab(
     scene: str = "cornell-box",
     technique: str = "srp",
     variant: str = "tuned",
+    layout: str | None = None,
     device_profile: str = "iphone7",
     sh_order: int | None = None,
     probes: int | None = None,
@@ -82,7 +84,7 @@ def ab(
     image = f"{job.shot.width} x {job.shot.height}"
     failed = CheckFailed(f"slower by more than {threshold}: {', '.join(slower)}")
     return Comparison(
-        title=f"gibench ab: {technique} ({variant}) on {Path(scene).name}, {image}",
+        title=f"gibench ab: {technique} ({_shape(job)}) on {Path(scene).name}, {image}",
         rows=_rows(result),
         remarks=_remarks(result, limit),
         facts={
@@ -101,6 +103,10 @@ def ab(
         },
         error=failed if slower else None,
     )
+
+
+def _shape(job: Job) -> str:
+    return " ".join(filter(None, (job.variant, job.layout)))
 
 
 def _measured(device: Any, started: datetime) -> dict[str, Any]:

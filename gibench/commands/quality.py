@@ -14,6 +14,7 @@ from gibench.commands import asked
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted, printable
 from gibench.measure.machine.environment import cpu_name
+from gibench.measure.plan.grid import with_layouts
 from gibench.measure.record import study_record
 from gibench.measure.runfolder.axes import axes_of
 from gibench.report.faults import plot_faults, profiled
@@ -80,6 +81,7 @@ def quality(
     scene: asked.Texts = ("cornell-box",),
     technique: asked.Texts = ("srp",),
     variant: asked.Texts = ("tuned",),
+    layout: asked.Texts | None = None,
     sh_order: asked.Numbers = None,
     probes: asked.Numbers = None,
     receivers: asked.Numbers = None,
@@ -124,7 +126,8 @@ def quality(
     arguments = asked.recorded(given, *_ALSO_RECORDED)
     arguments["reference"] = reference and Path(reference).name
     arguments["motion"] = printable(Path(motion).name)
-    jobs = [_held(job, light_frame) for job in asked.jobs_of(given)]
+    cl_device = select_cl_device(device)
+    jobs = [_held(job, light_frame) for job in with_layouts(asked.jobs_of(given), cl_device)]
     flight = jobs[0].shot.flight
     if frames <= flight.frames:
         raise BadInput(
@@ -132,7 +135,6 @@ def quality(
             where="--frames",
             mend="give more, for light to settle after it",
         )
-    cl_device = select_cl_device(device)
     site = Site(asked.cache_folder(cache_dir), seed, device, executor)
     several = len({(job.scene, job.receivers) for job in jobs}) > 1
     if reference is not None and several:

@@ -9,6 +9,8 @@ from typing import Any
 
 import pyopencl as cl
 
+from gibench.device.able import lacks
+
 TRIAL_S = 30.0
 RIGHT = "gibench: right"
 """What :mod:`gibench.device.try_device` prints of a device that computes right."""
@@ -45,7 +47,7 @@ def default_device(devices: Sequence[Any], tried: Trial = trial) -> tuple[Any, s
     for number, device in enumerate(devices):
         if not device.type & cl.device_type.GPU:
             continue
-        problem = tried(number)
+        problem = lacks(device) or tried(number)
         if problem is None:
             return device, "a GPU"
         refused.append(f"{device.name.strip()} is not used ({problem})")

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pyopencl as cl
 
+from gibench.device.able import cannot_run, lacks
 from gibench.device.buffers import Buffer, MemoryLedger, SharedBuffer
 from gibench.device.build import (
     Define,
@@ -42,6 +43,9 @@ class Device:
         cl_device: the device; by default :func:`first_device`.
         kernel_root: another kernel tree than the installed one.
         layout: of kernels that are tuned; by default what the device prefers.
+
+    Raises:
+        CannotRun: the device lacks what everything needs (:func:`gibench.device.able.lacks`).
     """
 
     def __init__(
@@ -54,6 +58,8 @@ class Device:
         self.profile = profile
         self.cl_device = first_device() if cl_device is None else cl_device
         self._layout = layout
+        if problem := lacks(self.cl_device):
+            raise cannot_run(self.cl_device, problem)
         check_cache(self.cl_device)
         self.context = cl.Context([self.cl_device])
         self.queue = cl.CommandQueue(

@@ -9,6 +9,7 @@ from typing import Any
 
 import pyopencl as cl
 
+from gibench.device.able import cannot_run, lacks
 from gibench.device.choice import default_device
 from gibench.device.pocl import name_processor
 from gibench.device.pocl_cache import cache_folder, check_folder
@@ -69,7 +70,15 @@ def select_cl_device(index: int | None) -> Any:
 
     Raises:
         BadInput: there is no such number, or the variable names no device, or several.
+        CannotRun: nothing can run on it (:func:`gibench.device.able.lacks`).
     """
+    chosen = _selected(index)
+    if problem := lacks(chosen):
+        raise cannot_run(chosen, problem)
+    return chosen
+
+
+def _selected(index: int | None) -> Any:
     devices = list_devices()
     asked = os.environ.get("PYOPENCL_CTX")
     if index is None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gibench.arrays import Doubles
+from gibench.device import SIMT
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
 from gibench.measure.runfolder.axes import Axis
@@ -123,7 +124,7 @@ def columns(axes: Sequence[Axis]) -> tuple[str, ...]:
         *("technique", "scene", "settings", "bias", "rel_mse", "lab_l_mse", "flip", "time_ms"),
         *("memory_bytes", "rel_l2", "ssim", "region"),
         *(f"{name}_noise" for name in METRICS),
-        *("result", "variant", "profile", "workgroup_size"),
+        *("result", "variant", "layout", "profile", "workgroup_size"),
         *(axis.column for axis in axes),
         *declared_counts(),
         *("receivers", "camera", "light_frame", "bounces", "reference_paths", "reference_error"),
@@ -205,7 +206,7 @@ def result_names(jobs: Sequence[Job]) -> list[str]:
         parts = [mine.technique]
         for differs in (
             lambda c: settings_in_words(c.settings),
-            lambda c: c.variant,
+            _shape,
             lambda c: c.profile.name,
             lambda c: f"work-group {c.group_size}",
         ):
@@ -213,6 +214,10 @@ def result_names(jobs: Sequence[Job]) -> list[str]:
                 parts.append(differs(mine))
         names.append(", ".join(parts))
     return names
+
+
+def _shape(job: Job) -> str:
+    return " ".join(filter(None, (job.variant, job.layout if job.layout == SIMT else None)))
 
 
 def _figures(measures: dict[str, Measure]) -> dict[str, float]:
@@ -253,6 +258,7 @@ def _keys(
         "settings": settings_in_words(job.settings),
         "result": name,
         "variant": job.variant,
+        "layout": job.layout,
         "profile": job.profile.name,
         "workgroup_size": job.group_size,
         "receivers": len(group.lightmap.receivers),

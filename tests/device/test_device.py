@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gibench.device import SIMT, WIDE, Device, MemoryLedger, kernel_source
 from gibench.device.build import preferred_layout, width_of
-from gibench.device.choice import default_device, trial
+from gibench.device.choice import trial
 from gibench.device.selection import list_devices, select_cl_device
 from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.profiles import load_profile
@@ -197,50 +197,6 @@ def test_pyopencls_variable_is_followed_or_told(
     monkeypatch.setattr("gibench.device.selection._by_variable", lambda asked: object())
     assert select_cl_device(0) == first
     assert "PYOPENCL_CTX=Portable not followed" in caplog.text
-
-
-def test_a_platform_that_cannot_load_is_named_and_skipped(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    class Broken:
-        name = "Broken Inc."
-
-        def get_devices(self) -> list:
-            raise cl.LogicError("clGetDeviceIDs failed: OUT_OF_HOST_MEMORY")
-
-    sound = cl.get_platforms()
-    monkeypatch.setattr(cl, "get_platforms", lambda: [Broken(), *sound])
-    assert len(list_devices()) == sum(len(platform.get_devices()) for platform in sound)
-    assert "'Broken Inc.' skipped" in caplog.text
-
-
-class Made:
-    """A made-up record of a device."""
-
-    def __init__(self, name: str, kind: int) -> None:
-        self.name, self.type = name, kind
-
-
-CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
-
-
-@pytest.mark.parametrize(
-    ("kinds", "problems", "chosen", "why"),
-    [
-        ([CPU], {}, 0, "no GPU was found"),
-        ([CPU, GPU], {1: None}, 1, "a GPU"),
-        ([CPU, GPU], {1: "a small kernel's result is wrong"}, 0, "device 1 is not used (a small"),
-        ([CPU, GPU, GPU], {1: "no answer within 30 s", 2: None}, 2, "a GPU"),
-        ([GPU], {0: "it burns"}, 0, "device 0 is not used (it burns)"),
-    ],
-)
-def test_a_gpu_that_computes_right_is_the_default(
-    kinds: list[int], problems: dict[int, str | None], chosen: int, why: str
-) -> None:
-    devices = [Made(f"device {number}", kind) for number, kind in enumerate(kinds)]
-    found, said = default_device(devices, lambda number: problems[number])
-    assert found is devices[chosen]
-    assert said.startswith(why)
 
 
 def test_a_device_is_tried_in_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -229,6 +229,8 @@ def test_results_have_names_of_their_own():
     names = result_names(jobs)
     assert len(set(names)) == len(jobs) >= 5
     assert result_names(grid(profiles, specs[:1])) == ["srp"]
+    both = grid(profiles, specs[:1], layouts=("wide", "simt"))
+    assert result_names(both) == ["srp, tuned", "srp, tuned simt"]
 
 
 SRP = ("-t", "srp", "--set", "srp.transport_rays=64", "--set", "srp.relight_samples=64")
@@ -259,6 +261,7 @@ def test_quality_leaves_what_it_promises(run):
     assert list(table.columns[:9]) == [*promised, "time_ms", "memory_bytes"]
     assert list(table.columns) == list(columns((Axis("sh_order", "sh_order"),)))
     assert list(table["region"]) == ["whole", "left"] * 2
+    assert (table["layout"] == "wide").all()  # as PoCL prefers
     direct = table[table["technique"] == "direct"].iloc[0]
     assert direct["bias"] == pytest.approx(-1) and direct["rel_l2"] == pytest.approx(1, rel=1e-3)
     srp = table[table["technique"] == "srp"].iloc[0]
