@@ -120,6 +120,11 @@ def no_leaks(job: Job, scene: Scene) -> list[str]:
     return []
 
 
+def no_normal_maps(settings: Any) -> bool:
+    """For a technique that shades with no normal maps."""
+    return False
+
+
 def nothing_baked(context: BakeContext) -> tuple[Stage, ...]:
     """The stages of a technique that computes nothing ahead of frames."""
     return ()
@@ -152,6 +157,9 @@ class TechniqueSpec:
             stop each, with the setting that would help and what it costs.
         leaks: why light will be where it should not, though its mean over the scene may be right,
             told likewise.
+        shades_normal_maps: whether it shades what the camera sees with the scene's normal maps, as
+            it is set.
+        normal_map_options: what on the command line makes it; empty where nothing does.
         follows: what of it follows objects that move; what holds only for the scene at rest (a
             bake) does not. One that does not follow with its direct light is not run with motion.
         bakes_what_rests: whether it leaves what moves out of its bake, so that with motion it is
@@ -180,6 +188,8 @@ class TechniqueSpec:
     check: Callable[[Scene, Any], None] = no_check
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
     leaks: Callable[[Job, Scene], list[str]] = no_leaks
+    shades_normal_maps: Callable[[Any], bool] = no_normal_maps
+    normal_map_options: str = ""
     follows: frozenset[Follows] = frozenset()
     bakes_what_rests: bool = False
     woken_by: frozenset[Wakes] = frozenset(Wakes)
@@ -302,3 +312,14 @@ def job_of(record: Mapping[str, Any]) -> Job:
         "shot": Shot(**shot),
     }
     return Job(**{**record, **named})
+
+
+def left_out(spec: TechniqueSpec, settings: Any, scene: Scene) -> list[str]:
+    """What of ``scene`` the technique does not show as it is set, and what would."""
+    if scene.normal_maps is None or spec.shades_normal_maps(settings):
+        return []
+    if spec.normal_map_options:
+        return [f"normal maps are not used; {spec.normal_map_options} uses them"]
+    able = [own for own in techniques().values() if own.normal_map_options]
+    others = " or ".join(f"{own.name} with {own.normal_map_options}" for own in able)
+    return [f"normal maps are not used{f', but by {others}' if others else ''}"]

@@ -20,20 +20,22 @@ from gibench.techniques.ddgi.conform_oracle import (
     bias_of,
     blended_distance,
     blended_irradiance,
-    bordered,
     classified,
-    decode,
-    encode,
     gather,
-    lookup,
     randomise,
     relocated,
     shade,
     state_of,
-    surface,
     term,
+)
+from gibench.techniques.parts.conformance.octahedral import (
+    bordered,
+    decode,
+    encode,
+    lookup,
     texel_directions,
 )
+from gibench.techniques.parts.conformance.shading import surface
 from gibench.techniques.registry import BakeContext
 from support.made import made
 from support.shading_oracle import open_device

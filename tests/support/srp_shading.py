@@ -1,7 +1,9 @@
-r"""Images of SRP's light of order 1 against path-traced ones: normal maps and gloss.
+r"""Images of normal maps (SRP's light of order 1) and of gloss (that, or captured probes'
+prefiltered radiance) against path-traced ones.
 
     PYTHONPATH=.:tests python tests/support/srp_shading.py normal-maps bumpy-box --out pictures
     PYTHONPATH=.:tests python tests/support/srp_shading.py gloss glossy-box --out pictures
+    PYTHONPATH=.:tests python tests/support/srp_shading.py gloss glossy-box -t light-field-probes
 
 prints bias and relative L2 of the indirect light that the camera sees: where surfaces have a normal
 map, and over the whole image; of gloss on every metal, that it alone lights. A scene is a built-in
@@ -38,6 +40,18 @@ NORMAL_MAPS: dict[str, dict[str, Any]] = {
     "order 4, receivers 1": {**ORDER_1, "normal_maps": True},
 }
 GLOSS: dict[str, dict[str, Any]] = {"order 4, receivers 1": {**ORDER_1, "gloss": True}}
+# Prefiltered radiance of probes: of so many, and with maps of so many texels.
+CAPTURED: dict[str, dict[str, Any]] = {
+    f"{probes} probes, {side} texels": {
+        "gloss_steps": 5,
+        "probes": probes,
+        "map_texels": side,
+        "capture_texels": 128,
+        "relit_share": 1.0,
+        "far_slower": 1.0,
+    }
+    for probes, side in ((1, 64), (16, 32), (16, 64), (64, 64))
+}
 
 
 def triangles_seen(scene, camera, width, height):
@@ -53,11 +67,16 @@ def triangles_seen(scene, camera, width, height):
 
 def drawn(given, site, settings):
     """The image of indirect light, once it has settled."""
-    known = {"probes": given.probes, "transport_rays": given.rays, **settings}
-    made = find_technique("srp").settings(known)
+    known = settings
+    if given.technique == "srp":
+        known = {"probes": given.probes, "transport_rays": given.rays, **settings}
+    made = find_technique(given.technique).settings(known)
     shot = Shot(given.width, given.height)
     profile = load_profile("iphone7")
-    job = Job("srp", made, "tuned", given.scene, profile, 64, receivers=given.receivers, shot=shot)
+    job = Job(
+        given.technique, made, "tuned", given.scene, profile, 64,
+        receivers=given.receivers, shot=shot,
+    )  # fmt: skip
     with Session.open(job, site.standing(), site.cl_device) as session:
         session.prepare(whole=True)
         for frame in range(FRAMES):
@@ -80,6 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("what", choices=("normal-maps", "gloss"))
     parser.add_argument("scene")
+    parser.add_argument("-t", "--technique", default="srp", help="or one of captured probes: gloss")
     parser.add_argument("--out", type=Path, default=Path("pictures"))
     parser.add_argument("--cache", type=Path, default=Path("pictures"))
     parser.add_argument("--receivers", type=int, default=10_000)
@@ -111,7 +131,9 @@ def main() -> None:
 
     keep(f"{given.what}-truth", truth.value)
     print(f"truth: mean standard error {truth.relative_error:.1%} of the mean")
-    chosen = dict(GLOSS if gloss else NORMAL_MAPS)
+    chosen = dict(NORMAL_MAPS)
+    if gloss:
+        chosen = dict(GLOSS if given.technique == "srp" else CAPTURED)
     if given.high:
         last = chosen["order 4, receivers 1"]
         chosen["order 7, receivers 1"] = {**last, "sh_order": 7}

@@ -29,7 +29,13 @@ from gibench.measure.session.enqueue import (
 from gibench.measure.session.shared import Shared
 from gibench.scene.model import Scene
 from gibench.techniques.job import Job, Known, World
-from gibench.techniques.registry import Follows, TechniqueSpec, find_technique, techniques
+from gibench.techniques.registry import (
+    Follows,
+    TechniqueSpec,
+    find_technique,
+    left_out,
+    techniques,
+)
 from gibench.techniques.technique import (
     FloatArray,
     HasNotes,
@@ -98,7 +104,11 @@ class Session:
         moves = motion is not None and motion.moves
         if moves and Follows.DIRECT_LIGHT not in spec.follows:
             raise _stands_still(spec)
-        remarks = [*spec.remarks(job, scene, camera), *spec.leaks(job, scene)]
+        remarks = [
+            *spec.remarks(job, scene, camera),
+            *spec.leaks(job, scene),
+            *left_out(spec, job.settings, scene),
+        ]
         for remark in remarks:
             _LOG.warning("%s on %s: %s", spec.name, scene.name, remark)
         asked = receivers = job.receivers or scene.receivers

@@ -292,7 +292,9 @@ def _remarks(used: list[Material]) -> list[str]:
     shiny = [m for m in used if m.roughness < 1 or m.metalness > 0 or m.roughness_map]
     return [
         *say(blended, "alpha or transmission of {}: taken as opaque where not left out"),
-        *say([m for m in used if m.normal_map], "normal maps of {} not used"),
+        *say(
+            [m for m in used if m.normal_map], "normal maps of {} not used but by what is told to"
+        ),
         *say(shiny, "gloss and metal of {} not used but by what reads them: surfaces are diffuse"),
         *say([m for m in used if m.unlit], "unlit {}: lit as others are"),
     ]

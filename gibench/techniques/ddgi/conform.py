@@ -24,7 +24,6 @@ from gibench.techniques.ddgi.conform_oracle import (
     bias_of,
     blended_distance,
     blended_irradiance,
-    bordered,
     classified,
     gather,
     randomise,
@@ -39,6 +38,7 @@ from gibench.techniques.parts.conformance.case import (
     off,
     run_pass,
 )
+from gibench.techniques.parts.conformance.octahedral import bordered
 from gibench.techniques.parts.conformance.shading import PlaneHits
 
 

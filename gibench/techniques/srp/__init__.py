@@ -139,6 +139,10 @@ def _knobs(scene: Scene) -> tuple[Knob, ...]:
     )
 
 
+def _shades_normal_maps(settings: SrpSettings) -> bool:
+    return settings.normal_maps
+
+
 SPEC = TechniqueSpec(
     name="srp",
     title="Sparse Radiance Probes",
@@ -152,5 +156,7 @@ SPEC = TechniqueSpec(
     sweep=_sweep,
     knobs=_knobs,
     remarks=remarks,
+    shades_normal_maps=_shades_normal_maps,
+    normal_map_options="--set srp.receiver_order=1 --set srp.normal_maps=true",
     counts={"probes": "probes"},
 )

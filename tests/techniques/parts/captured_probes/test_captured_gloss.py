@@ -9,17 +9,17 @@ from support.captured_oracle import (
     SMALL,
     VARIANTS,
     create,
-    gather,
+    expected_image,
     lobes_of,
     prefiltered,
     randomise,
-    received,
     run_pass,
+    seen,
+    table,
     weights,
     within_reach,
 )
-from support.ddgi_oracle import bordered, surface
-from support.shading_oracle import pixel_directions, render
+from support.ddgi_oracle import bordered
 from support.synthetic_bake import random_scene
 from support.tiny_scenes import empty_room
 from support.vector_widths import widths
@@ -29,7 +29,6 @@ from gibench.rays.embree import EmbreeTracer
 from gibench.scene.model import Camera, Material
 from gibench.techniques.parts.captured_probes import lobes
 from gibench.techniques.parts.captured_probes.maps import texel_solid_angles
-from gibench.techniques.parts.split_sum import SPLIT_SUM_SIDE, split_sum_table
 
 IMAGE = (48, 32)
 
@@ -48,16 +47,6 @@ def soup():
         for m in scene.materials
     ]
     return replace(scene, materials=tuple(glossy))
-
-
-def table(n_v, roughness):
-    """The split sum's table, bilinear, (n, 2)."""
-    at = np.clip(np.stack([n_v, roughness]) * SPLIT_SUM_SIDE - 0.5, 0, SPLIT_SUM_SIDE - 1)
-    i, j = first = np.minimum(at.astype(int), SPLIT_SUM_SIDE - 2)
-    a, b = (at - first)[..., None]
-    t = split_sum_table().astype(np.float64)
-    upper = (1 - a) * t[j, i] + a * t[j, i + 1]
-    return (1 - b) * upper + b * ((1 - a) * t[j + 1, i] + a * t[j + 1, i + 1])
 
 
 @pytest.mark.parametrize("width", widths(1, 8))
@@ -109,38 +98,6 @@ def test_prefiltered_maps_keep_energy(rng):
         np.testing.assert_allclose(kept[39], whole[39], rtol=0.005)
 
 
-def seen(scene):
-    """What the camera's pixels show: which (n,) surely a front, direction, surface, material."""
-    camera = scene.cameras[0]
-    d = pixel_directions(camera, *IMAGE)
-    eye = np.broadcast_to(np.array(camera.position), d.shape).astype(np.float32)
-    hits = EmbreeTracer(scene.corners).closest(eye, d.astype(np.float32))
-    certain = render(scene, 0, *IMAGE).certain.ravel() & (hits.triangle >= 0)
-    triangle = np.maximum(hits.triangle, 0)
-    at = surface(scene, triangle, hits.u.astype(float), hits.v.astype(float))
-    certain &= np.einsum("nx,nx->n", at.geometric, d) < 0
-    materials = [scene.materials[i] for i in scene.material_ids[triangle]]
-    return certain, d, at, materials
-
-
-def expected_image(technique, scene):
-    """The indirect part of the image (n, 3), and where it is certain."""
-    certain, d, at, materials = seen(scene)
-    roughness = np.array([m.roughness for m in materials])
-    metalness = np.array([m.metalness for m in materials])[:, None]
-    facing = np.einsum("nx,nx->n", d, at.normal)
-    mirrored = d - 2 * facing[:, None] * at.normal
-    mirrored /= np.linalg.norm(mirrored, axis=1, keepdims=True)
-    light = received(technique, scene, at.position, at.geometric, mirrored, roughness)
-    both = table(np.abs(facing), roughness)
-    f0 = 0.04 + metalness * (at.albedo - 0.04)
-    share = f0 * both[:, :1] + both[:, 1:]
-    irradiance = gather(technique, at.position, at.geometric, at.normal)
-    diffuse = at.albedo / np.pi * (1 - metalness) * (1 - share) * irradiance
-    certain &= within_reach(technique, at.position, at.geometric)
-    return diffuse + share * light, certain
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("variant", "size", "storage"), [("published", 7, "fp32"), ("tuned", 64, "fp16")]
@@ -156,7 +113,7 @@ def test_application(rng, soup, cache, name, variant, size, storage):
     ]
     device.write(held.lobes, np.concatenate(rows))
     found = technique.images()["indirect only"].reshape(-1, 3)
-    expected, certain = expected_image(technique, soup)
+    expected, certain = expected_image(technique, soup, IMAGE)
     assert certain.sum() > 60 and (expected[certain] > 0.05).any()
     off = np.abs(found - expected)[certain].max(axis=1)
     np.testing.assert_allclose(found[certain], expected[certain], rtol=5e-3, atol=5e-3)
@@ -187,7 +144,7 @@ def test_a_mirror_shows_the_wall_that_it_faces(cache, update):
             run_pass(technique, name, 64)
         run_pass(technique, "border_copy", 64)
     found = technique.images()["indirect only"].reshape(-1, 3)
-    certain, d, at, _ = seen(scene)
+    certain, d, at, _ = seen(scene, IMAGE)
     mirrored = d - 2 * np.einsum("nx,nx->n", d, at.normal)[:, None] * at.normal
     tracer = EmbreeTracer(scene.corners)
 
@@ -230,7 +187,7 @@ def test_no_surface_sends_out_more_than_falls_on_it(soup, cache, variant):
     device.write(held.irradiance, np.full(held.irradiance.shape, np.pi))
     device.write(held.lobes, np.ones(held.lobes.shape))
     found = technique.images()["indirect only"].reshape(-1, 3)
-    certain, _, at, materials = seen(scene)
+    certain, _, at, materials = seen(scene, IMAGE)
     certain &= within_reach(technique, at.position, at.geometric)
     certain &= weights(technique, at.position, at.geometric).sum(axis=1) > 0
     plain = np.array([m.metalness == 0 for m in materials])
