@@ -62,7 +62,9 @@ def test_memory_is_declared(cache, variant, projection):
     assert technique.counts()["surfels"] == 300
 
 
-@pytest.mark.parametrize("limit", ["memory_budget_bytes", "max_buffer_bytes"])
+@pytest.mark.parametrize(
+    "limit", ["max_buffer_bytes", pytest.param("memory_budget_bytes", marks=pytest.mark.slow)]
+)
 def test_what_a_refusal_says_would_fit_does(cache, limit):
     """Links and caches of a room for which a profile has no room: those that it names are held."""
     scene, lightmap = room()
