@@ -94,7 +94,7 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
         return found.value, found.stderr
 
     truth, stderr = context.site.kept(("lobe", job.scene, *size), traced)
-    gloss = _indirect(context, job, EXPONENT) - _indirect(context, job, 0.0)
+    gloss = np.maximum(_indirect(context, job, EXPONENT) - _indirect(context, job, 0.0), 0.0)
     floor = floor_seen(scene, camera, *size)
     off = bias(gloss[floor], truth[floor], stderr[floor])
     apart = relative_l2(gloss[floor], truth[floor], stderr[floor])
