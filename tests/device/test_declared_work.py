@@ -123,7 +123,8 @@ def cases() -> list[Any]:
         for width in (1, *([WIDE] if (spec.name, variant) == ("direct", "tuned") else []))
     ]
     found += [
-        Case("frames", SIZE, 1, name, "tuned", SHAPES[name][3], SIMT) for name in WITH_A_LAYOUT
+        Case("frames", SIZE, 1, name, "tuned", SHAPES.get(name, SHAPE_OF_OTHERS)[3], SIMT)
+        for name in WITH_A_LAYOUT
     ]
     found.append(Case("moving", SIZE, 1, "direct", "tuned"))
     # A setting that changes nothing tells its rows from those at rest.

@@ -72,7 +72,7 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
 
 # Techniques with kernels of their own in the layout ``simt``; the others' are those of ``tuned``
 # compiled for scalars, which is among their sizes.
-WITH_A_LAYOUT = ("srp", "ddgi", "gibs")
+WITH_A_LAYOUT = ("srp", "ddgi", "gibs", "surfel-cache")
 
 BAKES = [
     Case("bake", 1, 16, "srp"),

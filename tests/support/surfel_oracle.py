@@ -17,6 +17,8 @@ from support.made import made
 from support.shading_oracle import open_device
 
 VARIANTS = ("published", "tuned")
+SHAPES = ("published", "wide", "simt")
+"""The published variant, and the tuned one in both layouts."""
 SMALL = {"surfels": 300, "links": 20, "caches": 120, "grid": "3x4x2", "relaxation": 2}
 
 
@@ -26,9 +28,12 @@ def baked(scene, lightmap, settings, cache: Path):
 
 
 def create(scene, lightmap, settings, bake, variant="tuned", size=64, image=(24, 16), motion=None):
-    """The technique on a fresh device."""
+    """The technique on a fresh device; ``variant`` may be of ``SHAPES``."""
+    layout = variant if variant in ("wide", "simt") else None
+    variant = "tuned" if layout else variant
     technique: SurfelCache = made(
-        *(SPEC, open_device(), scene, lightmap, SPEC.settings(settings), bake, variant, size),
+        *(SPEC, open_device(layout=layout), scene, lightmap, SPEC.settings(settings), bake),
+        variant, size,
         *image, scene.cameras[0], motion=motion,
     )  # fmt: skip
     return technique

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gibench.device import (
+    SIMT,
     Argument,
     Buffer,
     Define,
@@ -16,6 +17,7 @@ from gibench.device import (
     ProgramSpec,
     count_rays,
     integer,
+    local,
     reads,
     scalar,
     updates,
@@ -61,6 +63,7 @@ class FramePasses:
         hits: what the camera's rays hit.
         flux_scale: by which sums of radiosity are stored.
         packets: whether the camera pass traces packets.
+        workgroup_size: work-items per group.
     """
 
     scene: FrameScene
@@ -71,6 +74,12 @@ class FramePasses:
     hits: HitBuffer
     flux_scale: float
     packets: bool
+    workgroup_size: int
+
+    @property
+    def simt(self) -> bool:
+        """Whether kernels are tuned for work-items in lockstep."""
+        return self.sizes.tuned and self.device.layout == SIMT
 
     @property
     def device(self) -> Device:
@@ -206,7 +215,8 @@ class FramePasses:
     def _pull(self) -> Sequence[Launch]:
         program, held = ProgramSpec("surfel_cache/pull.cl"), self.held
         child, flux = reads("node_child", held["node_child"]), held["node_flux"]
-        if self.sizes.tuned:
+        # Level by level neighbours are nodes side by side, and so are their children.
+        if self.sizes.tuned and not self.simt:
             order = (
                 reads("pull_order", held["pull_order"]),
                 reads("pull_starts", held["pull_starts"]),
@@ -253,10 +263,10 @@ class FramePasses:
             "LINKS": s.links,
             "VEC": width,
         }
-        if s.tuned:
+        if s.tuned and not self.simt:
             defines["UNROLL"] = next(n for n in (4, 2, 1) if vectors % n == 0)
-        variant = "tuned" if s.tuned else "published"
-        program = ProgramSpec(f"surfel_cache/{variant}_cache_lighting.cl", defines)
+        shape = "simt" if self.simt else "tuned" if s.tuned else "published"
+        program = ProgramSpec(f"surfel_cache/{shape}_cache_lighting.cl", defines)
         names = ("link_light",) if s.stored else ("link_direction", "link_weight")
         sky = [reads("environment", held["cache_environment"])] if s.environment else []
         args: tuple[Argument, ...] = (
@@ -270,7 +280,12 @@ class FramePasses:
             scalar("unscale", np.float32(1 / (LINK_SCALE * self.flux_scale))),
             updates("caches", held[target]),
         )
-        return [Launch(program, "cache_lighting", args, items=count)]
+        if not self.simt:
+            return [Launch(program, "cache_lighting", args, items=count)]
+        size = self.workgroup_size
+        sums = local("partial", 12 * size)
+        kernel = "cache_lighting"
+        return [Launch(program, kernel, (*args, sums), groups=count, workgroup_size=size)]
 
     def _lit_work(self, caches: int) -> Work:
         s = self.sizes

@@ -90,6 +90,7 @@ class SurfelCache:
             hits=HitBuffer.create(device, job.shot.width, job.shot.height),
             flux_scale=scale,
             packets=tuned and suits_packets(device),
+            workgroup_size=job.group_size,
         )
 
     def passes(self) -> Sequence[Pass]:
