@@ -74,11 +74,13 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-@pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plots are made and written, but matplotlib draws none: half the time of a small run, of no
-    use to a test that looks at no plot.
+@pytest.fixture(autouse=True)
+def undrawn(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plots are made and written, but matplotlib draws none unless a test is marked ``drawn``: half
+    the time of a small run, of no use to a test that looks at no plot.
     """
+    if request.node.get_closest_marker("drawn"):
+        return
 
     def save(figure: object, file: BinaryIO, *, format: str, **options: object) -> None:  # noqa: A002
         file.write(_PICTURE[format])

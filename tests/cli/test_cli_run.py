@@ -33,13 +33,6 @@ ROOFS = Roofs(20.0, 15.0, 200.0, 2.0, 10.0)
 
 
 @pytest.fixture(autouse=True)
-def plots(request: pytest.FixtureRequest) -> None:
-    """Drawn where a test looks at them."""
-    if request.function is not test_the_folder_keeps_the_contract:
-        request.getfixturevalue("undrawn")
-
-
-@pytest.fixture(autouse=True)
 def only_the_fakes(monkeypatch: pytest.MonkeyPatch) -> None:
     specs = {spec.name: spec for spec in (fake_technique.SPEC, fake_technique.PLAIN)}
     monkeypatch.setattr("gibench.techniques.registry.techniques", lambda: specs)
@@ -88,6 +81,7 @@ def tables(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     return tuple(pd.read_csv(folder / f"{n}.csv") for n in ("samples", "passes", "frames"))
 
 
+@pytest.mark.drawn
 def test_the_folder_keeps_the_contract(run, tmp_path: Path, capsys) -> None:
     assert run("--sh-order", "1", "--sh-order", "2", "--save-images", "--seed", "3") == 0
     folder = tmp_path / "out"

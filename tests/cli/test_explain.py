@@ -45,6 +45,7 @@ def explained(tmp_path: Path, *arguments: str) -> tuple[int, pd.DataFrame | None
     return code, pd.read_csv(table) if table.is_file() else None
 
 
+@pytest.mark.drawn
 def test_every_pass_of_a_technique_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,7 +27,7 @@ GRID = ("-w", "64", "-w", "128", "--frames", "20", "--warmup", "0")
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, undrawn: None):
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     specs = {spec.name: spec for spec in (fake_technique.SPEC, fake_technique.PLAIN)}
     monkeypatch.setattr("gibench.techniques.registry.techniques", lambda: specs)
     roofs = Roofs(20.0, 15.0, 200.0, 2.0, 10.0)

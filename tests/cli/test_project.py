@@ -33,9 +33,7 @@ def ran(out: Path, cache: Path, *arguments: str) -> int:
     )
 
 
-def test_a_run_is_projected_only_where_that_is_asked(
-    tmp_path: Path, cache: Path, undrawn: None
-) -> None:
+def test_a_run_is_projected_only_where_that_is_asked(tmp_path: Path, cache: Path) -> None:
     assert ran(tmp_path / "plain", cache) == 0
     assert not (tmp_path / "plain" / "projected.csv").exists()
     assert "rojected" not in (tmp_path / "plain" / "report.md").read_text()

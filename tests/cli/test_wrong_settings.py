@@ -19,7 +19,7 @@ def cache(tmp_path_factory):
 
 
 @pytest.fixture
-def refused(tmp_path, cache, capsys, undrawn):
+def refused(tmp_path, cache, capsys):
     """Runs a command that must be refused with ``code``; the line it says."""
 
     def run(code: int, *arguments: str, technique: str, made: bool = False) -> str:

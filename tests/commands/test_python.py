@@ -98,7 +98,7 @@ class Posted:
 BAKE = {"settings": {"srp.transport_rays": 32, "srp.relight_samples": 32}}
 
 
-def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path, undrawn: None) -> None:
+def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path) -> None:
     """What both need is baked anew by each."""
     tables, receivers = [], []
     for executor in (Serial(), Posted()):
@@ -127,7 +127,7 @@ def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path, undrawn: N
     assert len(tables[0]) == 2 and np.isfinite(receivers[0]["srp g"]).all()
 
 
-def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path, undrawn: None) -> None:
+def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path) -> None:
     """A run's keys and images, advice and an experiment whose later points need its first."""
     cache = {"cache_dir": tmp_path / "cache"}
     small = {"receivers": 300, "resolution": (32, 24), **cache}
@@ -206,9 +206,7 @@ def test_what_is_wrong_is_told_before_anything_long(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_a_setting_given_twice_is_an_axis_on_the_command_line(
-    tmp_path: Path, undrawn: None
-) -> None:
+def test_a_setting_given_twice_is_an_axis_on_the_command_line(tmp_path: Path) -> None:
     code = call(
         [
             *("run", "-t", "gibs", "-t", "direct", "--set", "gibs.ray_budget=1000"),

@@ -53,13 +53,14 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
     ],
     "gibs": [
         {"grid": "perspective", "ray_guiding": True},
-        {"depth_moments": False, "grid_cells": 14, "placement": "rays"},
+        {"depth_moments": False, "grid_cells": 10, "placement": "rays"},
     ],
     "surfel-cache": [
         {"projection": "runtime", "sh_bands": 2},
         {"projection": "runtime", "sh_bands": 4, "exponent": 20.0},
     ],
-    "ddgi": [{"average": "encoded"}],
+    # With groups of 7: fewer texels, more than a group's all the same.
+    "ddgi": [{"average": "encoded", "distance_texels": 5}],
     "irradiance-probes": [
         {"storage": "fp32", "bounces": "1"},
         {"update": "static", "gloss_steps": 2},

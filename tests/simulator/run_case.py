@@ -60,12 +60,13 @@ from gibench.work import Serial
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
 RECEIVERS = 90
-# Frames, image width and height, pixels: two tiles of pixels a side, the last not full.
-SHAPES = {
-    # Tiles of 16; surfels placed in the first frame are known in the second and live in the third.
-    "gibs": (3, 18, 17),
-}
-SHAPE_OF_OTHERS = (2, 11, 9)  # tiles of 8; the second frame meets what the first left
+# Frames, and the pixels of a side of a tile. Surfels placed in the first frame are known in the
+# second and live in the third; of the others, the second frame meets what the first left.
+FRAMES_AND_TILES = {"gibs": (3, 16)}
+OF_OTHERS = (2, 8)
+# Of an image, tiles a row and a column, by work-group size: the last of each is not full. Two by
+# two once; beside each other or above each other they cost the simulator half.
+TILES = {16: (2, 2), 7: (2, 1), 64: (1, 2)}
 SMALL = {
     "sh_order": 2,
     "probes": 3,
@@ -189,10 +190,18 @@ def changing(case: Case, cache: Path) -> None:
     ran(case, cache)
 
 
+def image_of(case: Case) -> tuple[int, int]:
+    """Its width and height, pixels."""
+    side = FRAMES_AND_TILES.get(case.technique, OF_OTHERS)[1]
+    across, down = TILES[case.size]
+    half = side // 2 + 1
+    return (side + 3 if across > 1 else half), (side + 1 if down > 1 else half)
+
+
 def ran(case: Case, cache: Path) -> Technique:
     """A technique after its frames and images."""
-    count, width, height = SHAPES.get(case.technique, SHAPE_OF_OTHERS)
-    made, prepared = created(case, cache, width, height)
+    count = FRAMES_AND_TILES.get(case.technique, OF_OTHERS)[0]
+    made, prepared = created(case, cache, *image_of(case))
     for frame in range(count):
         enqueue_frame(made, prepared, frame)
     made.images()
@@ -257,7 +266,7 @@ def cut_reference(case: Case, cache: Path) -> None:
 def cut_frames(case: Case, cache: Path) -> None:
     """Images of direct light through holes, by single rays and packets, and rays counted."""
     scene = cut_at_random(build("cornell-box"), np.random.default_rng(1))
-    width, height = SHAPE_OF_OTHERS[1:]
+    width, height = image_of(case)
     frame = FrameScene(Device(PROFILE), scene, width, height, scene.cameras[0])
     for packets in (False, True):
         shown = rendered(frame, case.size, packets=packets)
@@ -283,7 +292,7 @@ def bumpy_frames(case: Case, cache: Path) -> None:
     """
     rng = np.random.default_rng(1)
     scene = bumpy(build("cornell-box"), rng)
-    width, height = SHAPE_OF_OTHERS[1:]
+    width, height = image_of(case)
     device = Device(PROFILE)
     frame = FrameScene(device, scene, width, height, scene.cameras[0])
     signal = ReceiverSignal.create(
@@ -301,7 +310,7 @@ def bumpy_frames(case: Case, cache: Path) -> None:
 def glow_frames(case: Case, cache: Path) -> None:
     """Images of surfaces that emit by images, by single rays and packets."""
     scene = glowing(build("cornell-box"), np.random.default_rng(1))
-    width, height = SHAPE_OF_OTHERS[1:]
+    width, height = image_of(case)
     frame = FrameScene(Device(PROFILE), scene, width, height, scene.cameras[0])
     for packets in (False, True):
         assert np.isfinite(rendered(frame, case.size, packets=packets)).all()

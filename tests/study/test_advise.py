@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 import pandas as pd
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -185,6 +186,7 @@ SMALL = (
 )
 
 
+@pytest.mark.drawn
 def test_advise_on_the_command_line(tmp_path, monkeypatch, capsys):
     cache = ["--cache-dir", str(tmp_path / "cache")]
     fits = ["advise", *SMALL, *cache, "--budget-ms", "10000", "--out", str(tmp_path / "a")]
@@ -211,7 +213,7 @@ def test_advise_on_the_command_line(tmp_path, monkeypatch, capsys):
         assert "is no time" in capsys.readouterr().err
 
 
-def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys, undrawn):
+def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys):
     """Ctrl-C while the second setting runs; the same command tries only that one again."""
     tried, settle = [], quality.settle
 

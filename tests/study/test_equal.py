@@ -133,6 +133,7 @@ def test_of_settings_equally_far_off_the_cheapest_is_taken(point, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.drawn
 def test_the_whole_of_it(tmp_path, monkeypatch, capsys):
     """One technique at small sizes: table, pictures, FLIP; and targets that are refused."""
     monkeypatch.setattr(equal, "techniques", lambda: {"ddgi": find_technique("ddgi")})

@@ -94,6 +94,7 @@ FILES = {
 
 
 @pytest.mark.slow
+@pytest.mark.drawn
 @pytest.mark.parametrize("name", FILES)
 def test_an_experiment_leaves_its_files_and_measures_nothing_twice(name, cache, tmp_path):
     command = ["experiment", name, *cache, "--out", str(tmp_path)]

@@ -175,6 +175,7 @@ def quick(tmp_path_factory):
 
 
 @pytest.mark.slow
+@pytest.mark.drawn
 def test_the_ray_budget_experiment(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(ray_budget, "_RAYS_PER_PROBE", (50,))
     command = ["experiment", "ray-budget", *quick, "--out", str(tmp_path)]
@@ -204,6 +205,7 @@ def test_the_ray_budget_experiment(quick, tmp_path, monkeypatch):
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "ray-budget.csv"), table)
 
 
+@pytest.mark.drawn
 def test_the_convergence_experiment(quick, tmp_path, monkeypatch):
     chosen = tuple(one for one in convergence._SETTINGS if one[0] in ("ddgi", "srp"))[1:3]
     monkeypatch.setattr(convergence, "_SETTINGS", chosen)

@@ -285,7 +285,7 @@ TURN = '[[motion]]\nobject = "tall box"\naxis = [0, 1, 0]\nperiod_frames = 20\n'
 
 
 @pytest.fixture
-def file(tmp_path, undrawn):
+def file(tmp_path):
     path = tmp_path / "motion.toml"
     path.write_text(TURN)
     return str(path)
@@ -332,7 +332,7 @@ def test_a_run_whose_objects_move(tmp_path, file, capsys):
     assert passes.loc[MOVES, "bytes"].gt(0).all()
 
 
-def test_a_run_at_rest_has_the_passes_it_had(tmp_path, undrawn):
+def test_a_run_at_rest_has_the_passes_it_had(tmp_path):
     code, out = run(tmp_path, "-t", "direct")
     assert code == 0
     samples = pd.read_csv(out / "samples.csv")

@@ -331,7 +331,7 @@ def test_fp16_rounding_keeps_the_mean(scene, variant):
 
 
 @pytest.mark.parametrize(
-    ("more", "storage", "variant"),
+    ("more", "storage", "variant", "size"),
     pairwise(
         [
             {},
@@ -342,28 +342,28 @@ def test_fp16_rounding_keeps_the_mean(scene, variant):
         ],
         ["fp16", "fp32"],
         VARIANTS,
+        [7, 64],
     ),
 )
-def test_gather_at_receivers(scene, variant, storage, more):
+def test_gather_at_receivers(scene, variant, storage, size, more):
     rng = np.random.default_rng(3)
     lightmap = random_lightmap(rng, scene, 300, 20, 20)
     # The volume is smaller than the scene: some receivers lie outside it.
     place = {"origin": "-0.6,-0.5,-0.4", "spacing": "0.3,0.4,0.5"}
     settings = {**SMALL, **place, "storage": storage, **more}
-    for size in (7, 64):
-        technique = create(scene, settings, variant, size, lightmap)
-        randomise(technique, rng, states=(0, 2, 3, 3, 3))
-        technique.probes.scroll_to((0.7, 0.1, -0.4))
-        s = state_of(technique)
-        r = lightmap.receivers
-        normal = r.normal.astype(np.float64)
-        bias = bias_of(s, normal, normal)
-        expected, certain = gather(s, r.position.astype(np.float64), bias, normal)
-        found = technique.indirect_irradiance()
-        assert certain.mean() > 0.9
-        np.testing.assert_allclose(found[certain], expected[certain], rtol=1e-3, atol=1e-5)
-        assert (expected == 0).all(axis=1).any()
-        assert (expected > 0).mean() > 0.4
+    technique = create(scene, settings, variant, size, lightmap)
+    randomise(technique, rng, states=(0, 2, 3, 3, 3))
+    technique.probes.scroll_to((0.7, 0.1, -0.4))
+    s = state_of(technique)
+    r = lightmap.receivers
+    normal = r.normal.astype(np.float64)
+    bias = bias_of(s, normal, normal)
+    expected, certain = gather(s, r.position.astype(np.float64), bias, normal)
+    found = technique.indirect_irradiance()
+    assert certain.mean() > 0.9
+    np.testing.assert_allclose(found[certain], expected[certain], rtol=1e-3, atol=1e-5)
+    assert (expected == 0).all(axis=1).any()
+    assert (expected > 0).mean() > 0.4
 
 
 @pytest.mark.parametrize("size", [7, 64])

@@ -9,7 +9,8 @@ from gibench.device import SIMT, WIDE, Device
 from gibench.profiles import load_profile
 from gibench.techniques.parts.scan import BlockScan, WaveScan
 
-LENGTHS = (1, 2, 31, 32, 33, 255, 256, 257, 4096, 4097, 65_537, 1_000_003)
+LENGTHS = (1, 2, 31, 32, 33, 255, 256, 257, 4096, 4097, 65_537)
+A_MILLION = 1_000_003  # by groups of 256 alone, where it takes no longer than the others
 
 
 def run(device, launches, workgroup_size):
@@ -52,23 +53,31 @@ def device_of(simd_width, layout=None):
     return Device(profile, layout=layout)
 
 
-@pytest.mark.parametrize("length", LENGTHS)
+def with_lengths(*shapes):
+    """Each shape, its work-group size first, with every length; few with a million."""
+    slow = [() if shape[0] == 256 else pytest.mark.slow for shape in shapes]
+    return [
+        *((length, *shape) for shape in shapes for length in LENGTHS),
+        *(pytest.param(A_MILLION, *s, marks=m) for s, m in zip(shapes, slow, strict=True)),
+    ]
+
+
 @pytest.mark.parametrize(
-    ("simd", "size"), [(32, 32), (32, 96), (64, 256), (1, 24), (1, 7), (32, 512)]
+    ("length", "size", "simd"),
+    with_lengths((32, 32), (96, 32), (256, 64), (24, 1), (7, 1), (512, 32)),
 )
 def test_waves_scan_exactly(rng, length, simd, size):
     values = some_values(rng, length)
     np.testing.assert_array_equal(waves(device_of(simd), values, size), expected(values)[:-1])
 
 
-@pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize(
-    ("size", "layout"),
-    [
+    ("length", "size", "layout"),
+    with_lengths(
         *((size, WIDE) for size in (1, 3, 32, 96, 256, 1024)),
         # 8, 4 and 1 values of a work-item in local memory at once.
         *((size, SIMT) for size in (1, 7, 96, 256, 300, 1024)),
-    ],
+    ),
 )
 def test_blocks_scan_exactly(rng, length, size, layout):
     values = some_values(rng, length)

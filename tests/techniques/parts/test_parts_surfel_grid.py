@@ -48,6 +48,17 @@ KINDS = ("random", "few, most cells empty", "none", "one cell", "on borders", "o
          "outside")  # fmt: skip
 
 
+def kinds_and_sizes(*sizes):
+    """Every kind with a work-group size in turn, and the first with all; the others are slow."""
+    return [
+        pytest.param(
+            kind, size, marks=() if n == 0 or sizes[n % len(sizes)] == size else pytest.mark.slow
+        )
+        for n, kind in enumerate(KINDS)
+        for size in sizes
+    ]
+
+
 def sorted_lists(rng, device, grid, position, normal, radius, published, size=64, **frame):
     """Every cell's list of IDs; IDs are not the places in the list of the living."""
     n = len(position)
@@ -67,8 +78,7 @@ def sorted_lists(rng, device, grid, position, normal, radius, published, size=64
     return [set(place[one]) for one in lists], [len(one) for one in lists], sorter
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [2, 24, 256])
+@pytest.mark.parametrize(("kind", "size"), kinds_and_sizes(2, 24, 256))
 def test_published_lists_hold_the_cell_and_all_neighbours(rng, kind, size):
     position = random_positions(kind, rng).astype(np.float32)
     normal = unit_vectors(len(position), rng)
@@ -106,8 +116,7 @@ def reached_lists(grid, position, normal, radius):
     return result
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [1, 24, 256])
+@pytest.mark.parametrize(("kind", "size"), kinds_and_sizes(1, 24, 256))
 def test_tuned_lists_hold_the_cells_that_are_reached(rng, kind, size):
     position = random_positions(kind, rng).astype(np.float32)
     normal = unit_vectors(len(position), rng)

@@ -121,6 +121,10 @@ print(told.baked, told.loaded)
 """
 
 
+SLOW = {"transport_rays": 8192}
+"""Of a bake that takes so long that it can be stopped half way."""
+
+
 def start(folder: Path, **changed) -> subprocess.Popen:
     code = RUN.format(tests=str(Path(__file__).parents[2]))
     return subprocess.Popen(
@@ -134,8 +138,7 @@ def start(folder: Path, **changed) -> subprocess.Popen:
     "how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
 )
 def test_a_stopped_run_goes_on_where_it_was(tmp_path, how):
-    slow = {"transport_rays": 8192}
-    run = start(tmp_path, **slow)
+    run = start(tmp_path, **SLOW)
     deadline = time.monotonic() + 60
     while len(files(tmp_path)) < 2 and run.poll() is None and time.monotonic() < deadline:
         time.sleep(0.005)
@@ -146,7 +149,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, how):
     assert done >= 2
     leftovers = list(tmp_path.glob("*/*.tmp"))
     report = BakeReport()
-    result = bake(tmp_path, report, **slow)
+    result = bake(tmp_path, report, **SLOW)
     assert report.stages["srp-transport"].loaded == done
     assert report.stages["srp-transport"].baked > 0
     assert not list(tmp_path.glob("*/*.tmp")), leftovers
@@ -154,9 +157,14 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, how):
     assert np.array_equal(held, np.arange(len(room(5)[1].receivers)))
 
 
-def test_two_runs_at_once_share_the_work(baked, tmp_path):
-    slow = {"transport_rays": 8192}
-    runs = [start(tmp_path, **slow), start(tmp_path, **slow)]
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """What one run bakes of ``SLOW``."""
+    return bake(tmp_path_factory.mktemp("alone"), **SLOW)
+
+
+def test_two_runs_at_once_share_the_work(baked, alone, tmp_path):
+    runs = [start(tmp_path, **SLOW), start(tmp_path, **SLOW)]
     outputs = [run.communicate(timeout=120)[0].split() for run in runs]
     assert all(run.returncode == 0 for run in runs)
     counts = [(int(did), int(found)) for did, found in outputs]
@@ -166,12 +174,11 @@ def test_two_runs_at_once_share_the_work(baked, tmp_path):
     assert all(did + found == total for did, found in counts)
     assert all(did > 0 for did, _ in counts)
     assert not list(tmp_path.glob("*/*.claim"))
-    assert same(bake(tmp_path, **slow), bake(tmp_path / "alone", **slow))
+    assert same(bake(tmp_path, **SLOW), alone)
 
 
-def test_what_a_killed_run_had_claimed_goes_to_the_other(tmp_path):
-    slow = {"transport_rays": 8192}
-    runs = [start(tmp_path, **slow), start(tmp_path, **slow)]
+def test_what_a_killed_run_had_claimed_goes_to_the_other(alone, tmp_path):
+    runs = [start(tmp_path, **SLOW), start(tmp_path, **SLOW)]
     deadline = time.monotonic() + 60
     while len(files(tmp_path)) < 2 and runs[0].poll() is None and time.monotonic() < deadline:
         time.sleep(0.005)
@@ -182,7 +189,7 @@ def test_what_a_killed_run_had_claimed_goes_to_the_other(tmp_path):
     assert runs[1].returncode == 0
     assert kept >= 2
     assert int(output[0]) > 0
-    assert same(bake(tmp_path, **slow), bake(tmp_path / "alone", **slow))
+    assert same(bake(tmp_path, **SLOW), alone)
 
 
 def test_full_disk_is_one_clear_error_and_leaves_nothing_behind(tmp_path, monkeypatch):
