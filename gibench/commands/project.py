@@ -23,7 +23,7 @@ from gibench.measure.session.shared import Shared
 from gibench.profiles import MACHINE_FIGURES, DeviceProfile, Machine
 from gibench.project.model import Times, launch_times
 from gibench.project.ranges import UNKNOWN, Total, range_of, ratio, together
-from gibench.report.projection import COLUMNS, PROJECTED, RANKED
+from gibench.report.projection import COLUMNS, PROJECTED, RANKED, WHOLE_FRAME, WHOLE_GI
 from gibench.report.tables import csv_text
 from gibench.techniques.job import Job
 from gibench.techniques.technique import GI
@@ -36,7 +36,6 @@ FRAME = 4
 """The frame that is traced: what warms up has."""
 _SAMPLING = Sampling(runs=9, length=8, words=16 << 20, seconds=6.0, unroll=True)
 """Of each launch: places enough for images, whose edges differ from their middle."""
-WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"
 Row = dict[str, Any]
 Tell = Callable[[str], None]
 

@@ -12,11 +12,13 @@ from gibench.measure.runfolder.folder import write_atomically
 from gibench.report.loaded import QUALITY, LoadedRun, answers_of, load_quality, load_run
 from gibench.report.markdown import report as markdown
 from gibench.report.page import page
+from gibench.report.projection import projected_section
 
 
 def _markdown(run: LoadedRun) -> str:
     found = answers_of(run.path, run.record, run.frames)
-    return markdown(run.passes, run.frames, run.record, found)
+    text = markdown(run.passes, run.frames, run.record, found)
+    return text if run.projected is None else f"{text}\n{projected_section(run.projected)}"
 
 
 @dataclass(frozen=True)

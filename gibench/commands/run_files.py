@@ -9,9 +9,9 @@ from typing import Any
 import pandas as pd
 
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder
-from gibench.report.loaded import answers_of
+from gibench.report.loaded import answers_of, projected_in
 from gibench.report.markdown import report
-from gibench.report.projection import PROJECTED, projected_section
+from gibench.report.projection import projected_section
 from gibench.report.roofline import write_roofline
 from gibench.report.tables import csv_text, frames_table, passes_table
 
@@ -30,8 +30,8 @@ def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
     table = pd.concat([one.table.assign(scene=one.scene, profile=one.profile) for one in found])
     folder.write_text("which.csv", csv_text(table))
     text = report(passes, frames, record, found)
-    if (folder.path / PROJECTED).is_file():
-        text += "\n" + projected_section(pd.read_csv(folder.path / PROJECTED))
+    if (projected := projected_in(folder.path)) is not None:
+        text += "\n" + projected_section(projected)
     folder.write_text("report.md", text)
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from gibench.errors import BadInput
 from gibench.measure.runfolder.stored_run import read_run
+from gibench.report.projection import PROJECTED
 from gibench.report.tables import frames_table, passes_table
 from gibench.report.which_one import Answer, Budgets, answers
 
@@ -25,6 +26,7 @@ class LoadedRun:
         samples: one row per pass and frame.
         passes: one row per pass and configuration.
         frames: one row per configuration.
+        projected: ranges on devices that are not here; None where nothing was projected.
     """
 
     path: Path
@@ -32,6 +34,7 @@ class LoadedRun:
     samples: pd.DataFrame
     passes: pd.DataFrame
     frames: pd.DataFrame
+    projected: pd.DataFrame | None = None
 
 
 QUALITY, ERRORS = "quality.csv", "errors.csv"
@@ -44,7 +47,13 @@ def answers_of(path: Path, record: Mapping[str, Any], frames: pd.DataFrame) -> l
     asked = record["arguments"].get("budgets") or {}
     file = path / ERRORS
     errors = pd.read_csv(file) if file.exists() else None
-    return answers(frames, record, errors, Budgets(**asked))
+    return answers(frames, record, errors, Budgets(**asked), projected_in(path))
+
+
+def projected_in(path: Path) -> pd.DataFrame | None:
+    """The projected ranges of the run in ``path``; None where there are none."""
+    file = path / PROJECTED
+    return pd.read_csv(file) if file.is_file() else None
 
 
 @dataclass(frozen=True)
@@ -85,4 +94,5 @@ def load_run(path: str | Path) -> LoadedRun:
         run.samples,
         passes_table(run.samples, run.record),
         frames_table(run.samples, run.record),
+        projected_in(run.path),
     )

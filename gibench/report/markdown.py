@@ -16,7 +16,7 @@ from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
 from gibench.report.terminal import heading, number, percent
-from gibench.report.which_one import Answer, cells, headings
+from gibench.report.which_one import Answer, shown
 from gibench.techniques.registry import axis_title
 
 _ROOFS = {
@@ -66,12 +66,14 @@ def _which_one(found: Sequence[Answer]) -> list[str]:
     sections = []
     for one in found:
         sections.append(f"## Which one: {one.scene}, profile {one.profile}")
-        rows = [cells(row) for _, row in one.table.iterrows()]
-        sections += [_table(headings(), rows), one.sentence]
+        sections += [_table(*shown(one)), one.sentence]
+        if one.projected:
+            sections.append(one.projected)
     if found:
         sections.append(
             "Error: relative L2 of the indirect irradiance at the receivers against a path-traced "
-            "truth, of the last frame. The slowest 1 % of frames take longer than the worst ms."
+            "truth, lights standing as in frame 0. The slowest 1 % of frames take longer than the "
+            "worst ms. Leak: light where the truth is dark, of its mean; - where nothing is dark."
         )
     return sections
 
@@ -292,10 +294,18 @@ def _turns(entries: Sequence[Mapping[str, Any]]) -> str:
     return text
 
 
+def _pictured(record: Mapping[str, Any]) -> str:
+    """Of which frame of the scene the images are, in words."""
+    shown = {entry.get("pictured") for entry in record["configurations"]} - {None}
+    if len(shown) != 1:
+        return ""  # where nothing moves, it does not matter
+    return f" (all of the scene's frame {shown.pop()})"
+
+
 def _notes(record: Mapping[str, Any], frames: pd.DataFrame) -> list[str]:
     lines = []
     if record["arguments"]["save_images"]:
-        lines.append(f"Images beneath `images/`: {METHOD}.")
+        lines.append(f"Images beneath `images/`{_pictured(record)}: {METHOD}.")
     flight = record.get("flight")
     if flight and flight["path"] != "rest":
         lines.append(

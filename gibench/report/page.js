@@ -2,7 +2,7 @@
 const $ = (selector, from = document) => from.querySelector(selector);
 
 function element(name, attributes = {}, ...children) {
-  const svg = ["svg", "g", "rect", "line", "text", "circle", "path", "title"].includes(name);
+  const svg = ["svg", "g", "rect", "line", "text", "circle", "path", "title", "defs", "pattern"].includes(name);
   const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name)
                    : document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
@@ -186,6 +186,7 @@ function answers() {
     const place = element("div", { class: "table" });
     $("#which .answers").append(element("h3", {}, many ? `${one.title} (${one.run})` : one.title),
       element("p", { class: "answer" }, one.sentence), place);
+    if (one.projected) place.after(element("p", { class: "guess" }, one.projected));
     table(place, one, [0, 1]);
   }
 }
@@ -207,6 +208,43 @@ function faults() {
       y2: row * one.bars.length + 6 }));
     $("#faults .profiles").append(element("figure", {}, element("figcaption", {}, one.label), svg));
   }
+}
+
+// Ranges that nobody measured: hatched in one colour that no measured figure has.
+function projected() {
+  if (!DATA.projected.length) return hide("projected");
+  $("#projected .warning").textContent = DATA.projected_warning;
+  DATA.projected.forEach((one, n) => {
+    const place = element("div", { class: "table" }), plot = element("div", { class: "plot" });
+    $("#projected .devices").append(element("h3", {}, many ? `${one.title} (${one.run})` : one.title), plot, place);
+    if (one.bars.length) {
+      const row = 24, left = 330, width = 1100, right = 210, foot = 26;
+      const low = Math.log10(Math.min(...one.bars.map(b => b.low))), high = Math.log10(Math.max(...one.bars.map(b => b.high)));
+      const near = low - 0.1, far = Math.max(high, low + 0.5) + 0.1;
+      const x = v => left + (Math.log10(v) - near) / (far - near) * (width - left - right);
+      const svg = element("svg", { viewBox: `0 0 ${width} ${row * one.bars.length + foot}` });
+      svg.append(element("defs", {}, element("pattern", { id: `hatch${n}`, width: 6, height: 6,
+        patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+        element("rect", { width: 2.2, height: 6, class: "hatch" }))));
+      const bottom = row * one.bars.length;
+      for (let e = Math.floor(near); e <= far; e++) for (const f of [1, 2, 5]) {
+        const v = +(f * 10 ** e).toPrecision(3);
+        if (Math.log10(v) < near || Math.log10(v) > far) continue;
+        svg.append(element("line", { x1: x(v), x2: x(v), y1: 0, y2: bottom }),
+          element("text", { x: x(v), y: bottom + 16, "text-anchor": "middle", class: "soft" }, `${v} ms`));
+      }
+      one.bars.forEach((bar, k) => {
+        const y = row * k, told = bar.verdict === "cannot tell";
+        svg.append(element("text", { x: left - 8, y: y + 16, "text-anchor": "end" }, bar.label),
+          tip(element("rect", { x: x(bar.low), y: y + 5, height: 14, width: Math.max(x(bar.high) - x(bar.low), 2),
+            class: told ? "range unknown" : "range", fill: told ? "none" : `url(#hatch${n})` }),
+            `${bar.label}: projected ${bar.text}`),
+          element("text", { x: x(bar.high) + 8, y: y + 16, class: "soft" }, bar.text));
+      });
+      plot.append(svg);
+    }
+    table(place, one, [0]);
+  });
 }
 
 function roofline() {
@@ -331,4 +369,5 @@ distributions();
 roofline();
 errors();
 faults();
+projected();
 images();

@@ -21,6 +21,7 @@ from gibench.report.faults import profile_of, profiled
 from gibench.report.loaded import LoadedQuality, LoadedRun, answers_of
 from gibench.report.markdown import report as markdown_report
 from gibench.report.plots import pass_colors, technique_colors
+from gibench.report.projection import WARNING, WHOLE_FRAME, WHOLE_GI, range_text
 from gibench.report.tables import run_roofs
 from gibench.report.which_one import NUMBERS, Answer, cells, headings
 
@@ -130,6 +131,10 @@ def _data(runs: Sequence[LoadedRun]) -> dict[str, Any]:
             for name, run in zip(names, runs, strict=True)
             for found in answers_of(run.path, run.record, run.frames)
         ],
+        "projected": [
+            one for name, run in zip(names, runs, strict=True) for one in _projected(name, run)
+        ],
+        "projected_warning": WARNING,
         "frames": _table(_FRAME_COLUMNS, frames),
         "passes": _table(_PASS_COLUMNS, passes),
         "configurations": sorted(configurations, key=lambda one: one["label"]),
@@ -146,19 +151,68 @@ def _answer(name: str, run: LoadedRun, found: Answer) -> dict[str, Any]:
     }
     rows: list[list[Any]] = []
     for _, row in found.table.iterrows():
-        first, *figures, last = cells(row)
+        first, *rest = cells(row)
+        figures, words = rest[: len(NUMBERS)], rest[len(NUMBERS) :]
         shown = [
             {"text": text, "value": _plain(row[column])}
             for text, column in zip(figures, NUMBERS, strict=True)
         ]
-        rows.append([name, labels[row["configuration"]], first, *shown, last])
+        rows.append([name, labels[row["configuration"]], first, *shown, *words])
     return {
         "title": f"{found.scene}, profile {found.profile}",
         "run": name,
         "sentence": found.sentence,
+        "projected": found.projected,
         "columns": ["run", "configuration", *headings()],
         "rows": rows,
     }
+
+
+def _projected(name: str, run: LoadedRun) -> list[dict[str, Any]]:
+    """Projected ranges, device by device: bars of whole frames and GI, and a table of passes."""
+    if run.projected is None:
+        return []
+    labels = {
+        entry["configuration"]: configuration_label(entry, run.record)
+        for entry in run.record["configurations"]
+    }
+    found = []
+    for device, group in run.projected.groupby("device", sort=False):
+        bars, rows = [], []
+        for _, row in group.iterrows():
+            label, text = labels[row["configuration"]], range_text(row)
+            reason = row["projection_reason"]
+            words = [row["bound_by"], row["driven_by"], reason]
+            shown = {"text": text, "value": _plain(row["projected_low_ms"])}
+            rows.append([name, label, row["pass"], shown, row["verdict"], *map(_plain, words)])
+            if row["pass"] in (WHOLE_FRAME, WHOLE_GI) and not pd.isna(row["projected_low_ms"]):
+                bars.append(
+                    {
+                        "label": f"{label}: {_WHOLE[row['pass']]}",
+                        "technique": row["technique"],
+                        "low": _plain(row["projected_low_ms"]),
+                        "high": _plain(row["projected_high_ms"]),
+                        "text": text,
+                        "verdict": row["verdict"],
+                    }
+                )
+        found.append(
+            {
+                "title": f"On {device}",
+                "run": name,
+                "bars": bars,
+                "columns": list(_PROJECTED_COLUMNS),
+                "rows": rows,
+            }
+        )
+    return found
+
+
+_WHOLE = {WHOLE_FRAME: "frame", WHOLE_GI: "GI"}
+_PROJECTED_COLUMNS = (
+    *("run", "configuration", "pass", "PROJECTED range", "verdict"),
+    *("bound by", "driven by", "reason"),
+)
 
 
 def _table(columns: Mapping[str, str], rows: list[list[Any]]) -> dict[str, Any]:

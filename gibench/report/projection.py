@@ -7,6 +7,8 @@ import pandas as pd
 from gibench.report.terminal import number
 
 PROJECTED = "projected.csv"
+WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"
+"""Stand for the pass in rows of a whole frame, and of its global illumination."""
 COLUMNS = (
     *("configuration", "technique", "variant", "scene", "profile", "device", "pass", "stage"),
     *("projected_low_ms", "projected_nominal_ms", "projected_high_ms"),

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
 from gibench.measure.statistics.summary import REAL_TIME_MS
-from gibench.report.which_one import Answer, cells, headings
+from gibench.report.which_one import PROJECTED_GI, Answer, shown
 from gibench.techniques.registry import axis_title
 
 _WIDE = 150  # columns where the output is no terminal, so that nothing is cut
@@ -52,13 +52,16 @@ def show_answers(found: Sequence[Answer]) -> None:
         table = Table(
             title=escape(f"Which one: {one.scene}, profile {one.profile}"), title_justify="left"
         )
-        for title in headings():
-            words = title in ("technique", "error", "remark")
+        titles, rows = shown(one)
+        for title in titles:
+            words = title in ("technique", "error", PROJECTED_GI, "remark")
             table.add_column(title, justify="left" if words else "right", overflow="fold")
-        for _, row in one.table.iterrows():
-            table.add_row(*map(escape, cells(row)))
+        for row in rows:
+            table.add_row(*map(escape, row))
         out.print(table)
         out.print(escape(one.sentence), soft_wrap=True)
+        if one.projected:
+            out.print(escape(one.projected), soft_wrap=True)
 
 
 def number(value: Any, digits: int = 2) -> str:

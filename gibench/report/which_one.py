@@ -14,6 +14,7 @@ import pandas as pd
 
 from gibench.measure.runfolder.results import OK
 from gibench.measure.statistics.summary import REAL_TIME_MS
+from gibench.report.projection import WHOLE_GI, range_text
 from gibench.techniques.registry import axis_title
 
 GI_BUDGET_MS = 3.0
@@ -25,10 +26,13 @@ ERROR_COLUMNS = (
     "rel_l2_noise",
     "bias",
     "bias_noise",
+    "leak",
+    "dark_area",
     "uncovered",
     "unsettled",
 )
-"""Of ``errors.csv``: shares; ``uncovered`` of the receivers that a technique says nothing of;
+"""Of ``errors.csv``: shares; ``leak`` of the truth's mean, where there is any ``dark_area`` (share
+of the surface) to leak to; ``uncovered`` of the receivers that a technique says nothing of;
 ``unsettled`` says after how many frames it was not, and is empty where it was."""
 
 
@@ -48,15 +52,19 @@ class Answer:
         scene: its name.
         profile: its name.
         table: a row per configuration: name, gi_ms, frame_ms, worst_ms (the time that 1 % of frames
-            exceed), memory_mib, bake_seconds, rel_l2, bias, uncovered, error (in words, where there
-            is no figure), status (why it does not compete; empty where it does).
+            exceed), memory_mib, bake_seconds, rel_l2, bias, leak, dark_area, uncovered, projected
+            (GI on devices that are not here, in words), error (in words, where there is no figure),
+            status (why it does not compete; empty where it does).
         sentence: the answer.
+        projected: what projected ranges alone say of the modelled devices; empty where there are
+            none.
     """
 
     scene: str
     profile: str
     table: pd.DataFrame
     sentence: str
+    projected: str = ""
 
 
 def answers(
@@ -64,6 +72,7 @@ def answers(
     record: Mapping[str, Any],
     errors: pd.DataFrame | None,
     budgets: Budgets,
+    projected: pd.DataFrame | None = None,
 ) -> list[Answer]:
     """One for each scene and profile of a run.
 
@@ -72,13 +81,16 @@ def answers(
         record: the content of ``run.json``.
         errors: of :data:`ERROR_COLUMNS`; None where none were measured.
         budgets: to be kept.
+        projected: of ``projected.csv``; None where nothing was projected.
     """
+    gi = None if projected is None else projected[projected["pass"] == WHOLE_GI]
     titles = {one["name"]: one.get("title", one["name"]) for one in record["profiles"]}
     found = []
     for (scene, profile), group in frames.groupby(["scene", "profile"], sort=False):
-        rows = list(_rows(group, record, errors))
+        rows = list(_rows(group, record, errors, gi))
         words = _sentence(rows, budgets, record["environment"]["cpu"], str(titles[profile]))
-        found.append(Answer(str(scene), str(profile), pd.DataFrame(rows), words))
+        told = "" if gi is None else _projected_sentence(rows, gi, budgets)
+        found.append(Answer(str(scene), str(profile), pd.DataFrame(rows), words, told))
     return found
 
 
@@ -86,6 +98,7 @@ def _rows(
     group: pd.DataFrame,
     record: Mapping[str, Any],
     errors: pd.DataFrame | None,
+    gi: pd.DataFrame | None,
 ) -> Iterator[dict[str, Any]]:
     entries = {entry["configuration"]: entry for entry in record["configurations"]}
     measured: dict[Any, Any] = {}
@@ -105,7 +118,10 @@ def _rows(
             "bake_seconds": entries[number].get("bake_seconds"),
             "rel_l2": float("nan") if unsettled else error.get("rel_l2", float("nan")),
             "bias": float("nan") if unsettled else error.get("bias", float("nan")),
+            "leak": float("nan") if unsettled else error.get("leak", float("nan")),
+            "dark_area": error.get("dark_area", float("nan")),
             "uncovered": error.get("uncovered", float("nan")),
+            "projected": "" if gi is None else _projected_text(gi, number),
             "error": unsettled,
             "status": _status(row, unsettled),
         }
@@ -188,12 +204,66 @@ def _told(row: Mapping[str, Any]) -> str:
     return f"{row['name']} ({row['gi_ms']:.1f} ms of {row['frame_ms']:.1f}{off})"
 
 
+def _projected_text(gi: pd.DataFrame, number: Any) -> str:
+    """The projected ranges of a configuration's GI, in words."""
+    mine = gi[gi["configuration"] == number]
+    many = len(set(gi["device"])) > 1
+    return "; ".join(
+        f"{row['device']}: {range_text(row)}" if many else range_text(row)
+        for _, row in mine.iterrows()
+    )
+
+
+def _projected_sentence(
+    rows: Sequence[Mapping[str, Any]], gi: pd.DataFrame, budgets: Budgets
+) -> str:
+    """What projected ranges say of the budget for GI on each device; empty where there are none."""
+    names = {row["configuration"]: str(row["name"]) for row in rows}
+    told = []
+    for device, group in gi[gi["configuration"].isin(names)].groupby("device", sort=False):
+        verdicts: dict[str, list[str]] = {}
+        for _, row in group.iterrows():
+            verdict = _fits_projected(row, budgets.gi_ms)
+            verdicts.setdefault(verdict, []).append(names[row["configuration"]])
+        words = [f"{', '.join(verdicts[one])} {one}" for one in _VERDICTS if one in verdicts]
+        told.append(
+            f"Projected, not measured: within {budgets.gi_ms:g} ms of global illumination on "
+            f"{device}: {'; '.join(words)}."
+        )
+    return " ".join(told)
+
+
+_VERDICTS = _FITS, _MISSES, _UNKNOWN = ("fits", "does not fit", "cannot tell")
+
+
+def _fits_projected(row: pd.Series, budget: float) -> str:
+    low, high = row["projected_low_ms"], row["projected_high_ms"]
+    if pd.isna(low) or row["verdict"] == _UNKNOWN or low <= budget < high:
+        return _UNKNOWN
+    return _FITS if high <= budget else _MISSES
+
+
+PROJECTED_GI = "PROJECTED GI"
+"""Heading of what was never measured."""
+
+
 def headings() -> Sequence[str]:
     """Of the rows that :func:`cells` gives."""
     return (
         *("technique", "GI ms", "worst 1 % of frames ms", "frame ms", "MiB", "bake s", "error"),
-        *("bias", "not covered", "remark"),
+        *("bias", "leak", "not covered", PROJECTED_GI, "remark"),
     )
+
+
+def shown(found: Answer) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows to read; without projected ranges where there are none."""
+    titles = list(headings())
+    rows = [cells(row) for _, row in found.table.iterrows()]
+    at = titles.index(PROJECTED_GI)
+    if not any(row[at] for row in rows):
+        for line in (titles, *rows):
+            del line[at]
+    return titles, rows
 
 
 def cells(row: pd.Series) -> list[str]:
@@ -207,16 +277,18 @@ def cells(row: pd.Series) -> list[str]:
         _figure(row["bake_seconds"], "{:,.0f}"),
         row["error"] or _figure(row["rel_l2"], "{:.1%}"),
         _figure(row["bias"], "{:+.1%}"),
+        "-" if row["dark_area"] == 0 else _figure(row["leak"], "{:.1%}"),
         _figure(row["uncovered"], "{:.0%}") if row["uncovered"] > 0 else "",
+        row["projected"],
         "" if row["status"] == row["error"] else row["status"],
     ]
 
 
 NUMBERS = (
     *("gi_ms", "worst_ms", "frame_ms", "memory_mib", "bake_seconds"),
-    *("rel_l2", "bias", "uncovered"),
+    *("rel_l2", "bias", "leak", "uncovered"),
 )
-"""Columns of an answer's table behind the cells between the first and the last."""
+"""Columns of an answer's table behind the cells from the second on; what follows is words."""
 
 
 def _figure(value: Any, form: str) -> str:

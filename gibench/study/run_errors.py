@@ -7,7 +7,7 @@ receivers, and a technique has some seconds to settle. ``quality`` is for figure
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,10 +16,12 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.errors import GibenchError
+from gibench.measure.statistics.faults import dark, leak
 from gibench.reference import metrics
 from gibench.reference.path_tracer import reference_irradiance
 from gibench.scene.lightmap import Lightmap, some_receivers
-from gibench.study.settle import Settled, SettleOptions, settle
+from gibench.study.hidden import open_receivers
+from gibench.study.settle import SettleOptions, settle
 from gibench.study.site import Site
 from gibench.techniques.job import Job
 from gibench.techniques.registry import Wakes, find_technique
@@ -32,6 +34,26 @@ RECEIVERS = 4096
 SETTLE = SettleOptions(frames=512, seconds=45.0)
 SMALL_IMAGE = (160, 90)
 """Pixels: for a technique whose light the camera has no part in."""
+
+
+@dataclass(frozen=True)
+class QuickTruth:
+    """The truth at some receivers.
+
+    Attributes:
+        chosen: (n,) their numbers among all.
+        value: (n, 3) irradiance, W/m2.
+        stderr: (n, 3) its standard error.
+        area: (n,) m2.
+        open: (n,) whether they see the front of surfaces, or the sky, alone: into what lies inside
+            of walls no light leaks that anyone sees.
+    """
+
+    chosen: npt.NDArray[np.intp]
+    value: Doubles
+    stderr: Doubles
+    area: Doubles
+    open: npt.NDArray[np.bool_]
 
 
 def run_errors(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> list[dict[str, Any]]:
@@ -58,11 +80,17 @@ def _rows(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> Iterat
         except GibenchError as error:
             yield {"configuration": configuration, "unsettled": f"not compared: {error}"}
             continue
-        chosen, truth, stderr = site.kept(
+        truth = site.kept(
             ("quick truth", job.scene, job.receivers),
-            partial(_quick_truth, job, settled.lightmap, site),
+            partial(quick_truth, job, settled.lightmap, site),
         )
-        yield {"configuration": configuration, **_errors(settled, chosen, truth, stderr)}
+        still = settled.settled and not settled.unrested
+        yield {
+            "configuration": configuration,
+            **errors_of(settled.irradiance, truth),
+            "uncovered": float((~settled.covered).mean()),
+            "unsettled": "" if still else f"not settled after {settled.frames} frames",
+        }
 
 
 def _quick(job: Job) -> Job:
@@ -73,40 +101,43 @@ def _quick(job: Job) -> Job:
     return replace(job, shot=replace(job.shot, width=width, height=height))
 
 
-def _errors(
-    settled: Settled, chosen: npt.NDArray[np.intp], truth: Doubles, stderr: Doubles
-) -> dict[str, Any]:
-    result, area = settled.irradiance[chosen], settled.lightmap.receivers.area[chosen]
-    off = metrics.relative_l2(result, truth, stderr, area)
-    bias = metrics.bias(result, truth, stderr, area)
-    still = settled.settled and not settled.unrested
+def errors_of(irradiance: Doubles, truth: QuickTruth) -> dict[str, float]:
+    """Errors of ``irradiance`` (all receivers, 3), W/m2; ``leak`` is nan where nothing is dark."""
+    result = irradiance[truth.chosen]
+    given = truth.value, truth.stderr, truth.area
+    off, bias = metrics.relative_l2(result, *given), metrics.bias(result, *given)
+    nowhere = dark(*given, truth.open)
     return {
         "rel_l2": off.value,
         "rel_l2_noise": off.noise,
         "bias": bias.value,
         "bias_noise": bias.noise,
-        "uncovered": float((~settled.covered).mean()),
-        "unsettled": "" if still else f"not settled after {settled.frames} frames",
+        "leak": leak(result, *given, truth.open),
+        "dark_area": float(truth.area[nowhere].sum() / truth.area.sum()),
     }
 
 
-def _quick_truth(
-    job: Job, lightmap: Lightmap, site: Site
-) -> tuple[npt.NDArray[np.intp], Doubles, Doubles]:
-    """The receivers chosen, their irradiance (n, 3) and its standard error, W/m2."""
+def quick_truth(job: Job, lightmap: Lightmap, site: Site) -> QuickTruth:
+    """The truth at receivers drawn from ``lightmap``, under standing lights.
+
+    Raises:
+        GibenchError: it cannot be computed.
+    """
     shared = site.standing()
-    count = len(lightmap.receivers)
+    scene, count = shared.scene(job.scene), len(lightmap.receivers)
     rng = np.random.default_rng(job.seed)
     chosen = np.sort(rng.choice(count, min(count, RECEIVERS), replace=False))
+    some = some_receivers(lightmap, chosen)
     found = reference_irradiance(
-        shared.scene(job.scene),
-        some_receivers(lightmap, chosen),
+        scene,
+        some,
         target_error=QUICK_ERROR,
         seed=1,
         store_dir=shared.cache_dir,
         executor=site.executor,
     )
-    return chosen, found.value, found.stderr
+    area = some.receivers.area.astype(np.float64)
+    return QuickTruth(chosen, found.value, found.stderr, area, open_receivers(scene, some))
 
 
 def measurable(jobs: Sequence[tuple[int, Job]]) -> list[tuple[int, Job]]:

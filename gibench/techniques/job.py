@@ -22,6 +22,7 @@ from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.camera_path import FLIGHT, Flight, FlightOptions
 from gibench.techniques.camera_path import REST as CAMERA_AT_REST
+from gibench.techniques.clock import Clock
 from gibench.techniques.object_motion import REST, SCENE, MotionOptions
 
 AUTO: Final = "auto"
@@ -108,6 +109,7 @@ class World:
         camera: the view.
         flight: that the camera takes; None where it rests.
         motion: of the scene's objects; None where they rest.
+        clock: tells which of the scene's frames a frame shows.
     """
 
     scene: Scene
@@ -116,6 +118,14 @@ class World:
     camera: Camera
     flight: Flight | None = None
     motion: MovingObjects | None = None
+    clock: Clock = field(default_factory=Clock, compare=False)
+
+    @property
+    def moves(self) -> bool:
+        """Whether any of it is elsewhere in other frames."""
+        motion = self.motion
+        changes = motion is not None and (motion.moves or motion.materials is not None)
+        return self.scene.lights_move or self.flight is not None or changes
 
 
 @dataclass(frozen=True)

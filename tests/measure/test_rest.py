@@ -64,14 +64,20 @@ def test_warm_up_waits_within_its_limits_and_then_for_times() -> None:
     flat = [10.0] * 4000
     plan = Plan(patience=Patience(frames=200, seconds=1.5))
     assert not plan.warm(flat[:120], None)
-    assert plan.warm(flat[:150], None)  # 1.5 s of frames of 10 ms
+    assert not plan.warm(flat[:159], None)
+    assert plan.warm(flat[:160], None)  # 1.5 s of frames of 10 ms, and two windows
     assert plan.patience.spent(flat[:149]) is None
     assert plan.patience.spent(flat[:170]) == 150
     assert Patience(frames=0).spent([]) == 0
     unwaited = Plan(patience=Patience(frames=0))
     assert [unwaited.warm(flat[:n], None) for n in (0, 9, 10)] == [False, False, True]
-    assert plan.warm(flat[:150], 144) and not plan.warm([*flat[:5], 40.0], 6)
-    assert Plan(patience=Patience(frames=200)).warm(flat[:200], None)
+    assert plan.warm(flat[:154], 144) and not plan.warm(flat[:153], 144)
+    assert not plan.warm([*flat[:5], 40.0], 6)
+    assert Plan(patience=Patience(frames=200)).warm(flat[:210], None)
+    assert plan.waited(flat[:149], None) is None
+    assert plan.waited(flat[:170], None) == 150
+    assert plan.waited(flat[:170], 96) == 96
+    assert Plan(warmup=7).waited(flat[:3], None) == 0
     # Caps on warm-up are counted from rest: frames of growing times after 100 until then.
     wild = [1.0] * 100 + [2.0**k for k in range(61)]
     assert not Plan(warmup_seconds=1e30).warm(wild[:155], 100)
@@ -81,10 +87,9 @@ def test_warm_up_waits_within_its_limits_and_then_for_times() -> None:
 
 
 def test_images_are_of_a_frame_at_rest_that_is_always_run() -> None:
-    assert Plan().image_frame() == Plan().image_frame(3) == 39
-    assert Plan().image_frame(96) == 125
-    assert Plan(frames=20).image_frame(96) == 115
-    assert Plan(frames=20, warmup=4).image_frame(96) == 23
+    assert Plan().image_frame() == 39
+    assert Plan(frames=20).image_frame() == 29
+    assert Plan(frames=20, warmup=4).image_frame() == 23
     assert Plan().expected(True) - Plan().expected() == Plan().patience.frames
     assert Plan(warmup=3).expected(True) == Plan(warmup=3).expected()
 
@@ -234,10 +239,43 @@ def test_pictures_are_of_it_at_rest(run, monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr(Resting, "images", seen)
     run(*rests(50), "--frames", "12", "--save-images")
-    assert taken == [56 + 12 - 1]
+    assert taken == [56 + 10 + 12 - 1]
     limited = ("--save-images", "--warmup-frames", "20")
-    row = run(*rests(900), "--frames", "12", *limited, out="short").iloc[0]
-    assert taken[1:] == [row["warmup"] + 12 - 1]
+    run(*rests(900), "--frames", "12", *limited, out="short")
+    assert taken[1:] == [20 + 10 + 12 - 1]
+
+
+def test_pictures_show_the_same_frame_of_the_scene(
+    run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """However long each is waited for, and where caps on seconds end it before that frame."""
+    shown, frame, images = {}, Session.frame, Session.images
+    scene_frames: dict[int, list[int]] = {}
+
+    def ran(self: Session, number: int) -> Any:
+        seen = scene_frames.setdefault(id(self), [])
+        assert number == len(seen)
+        seen.append(self.world.clock.shows(number))
+        return frame(self, number)
+
+    def taken(self: Session) -> dict[str, Any]:
+        shown[self.job.settings.rests_after] = scene_frames[id(self)][-1]
+        return images(self)
+
+    monkeypatch.setattr(Session, "frame", ran)
+    monkeypatch.setattr(Session, "images", taken)
+    both = (*rests(0), *rests(100), "--save-images")
+    run(*both, "--frames", "5")
+    assert shown == {0: 14, 100: 14}
+    # While it was waited for, nothing moved; afterwards every frame is the scene's next.
+    waited, others = sorted(scene_frames.values(), key=len, reverse=True)
+    assert waited[:105] == [0] * 105 and waited[104:] == list(range(len(waited) - 104))
+    assert others == list(range(len(others)))
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "all of the scene's frame 14" in report
+    monkeypatch.setattr(Plan, "enough", lambda self, walls: "a cap" if len(walls) > 2 else None)
+    run(*both, out="capped")
+    assert shown == {0: 39, 100: 39}
 
 
 def test_ctrl_c_in_a_long_warm_up_keeps_what_is_there_and_can_be_run_again(

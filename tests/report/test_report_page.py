@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 from support.run_folders import entry, record, write_run
@@ -100,6 +101,7 @@ def test_the_page_says_what_the_samples_say(runs: list[Path]) -> None:
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 @pytest.mark.slow
 def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
+    projected_beside(runs[0])
     page_of([*runs, errors_of(runs[0].parent)])
     ran = subprocess.run(
         [
@@ -112,12 +114,53 @@ def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
         timeout=60,
     )
     assert "CONSOLE" not in ran.stderr
-    # Bars, distributions, roofline with a mark for each of two passes, errors.
-    assert ran.stdout.count("<svg") == 4 + 2
-    # Frames, passes, and Which one of two runs.
-    assert ran.stdout.count("<tr") == 2 + 4 + 8 + 2 * (1 + 2)
+    # Bars, distributions, roofline with a mark for each of two passes, errors, projected ranges.
+    assert ran.stdout.count("<svg") == 5 + 2
+    # Frames, passes, Which one of two runs, and projected ranges.
+    assert ran.stdout.count("<tr") == 2 + 4 + 8 + 2 * (1 + 2) + (1 + 3)
     assert ran.stdout.count('class="bad"') == 2 + 4
     assert 'aria-label="one: ' in ran.stdout
+
+
+def projected_beside(folder: Path) -> Path:
+    """``projected.csv`` of the first run's configuration, as ``gibench project`` leaves it."""
+    rows = [
+        ("one", 1.5, 2.0, 4.0, "range"),
+        ("(GI)", 2.5, float("nan"), 9.0, "range"),
+        ("(frame)", 0.5, float("nan"), 90.0, "cannot tell"),
+    ]
+    head = {"configuration": 1, "technique": "srp", "variant": "tuned", "scene": "box"}
+    ends = [f"projected_{end}_ms" for end in ("low", "nominal", "high")]
+    table = pd.DataFrame(
+        head
+        | {"profile": "iphone7", "device": "a-phone", "pass": name, "stage": "gi"}
+        | dict(zip(ends, told, strict=True))
+        | {"bound_by": "DRAM", "driven_by": "bandwidth", "verdict": verdict}
+        | {"projection_reason": float("nan")}
+        for name, *told, verdict in rows
+    )
+    table.to_csv(folder / "projected.csv", index=False)
+    return folder
+
+
+def test_projected_ranges_are_a_section_of_their_own(runs: list[Path], capsys) -> None:
+    text = page_of([projected_beside(runs[0]), runs[1]])
+    data = json.loads(re.search(r"const DATA = (.*);\n", text)[1])
+    (one,) = data["projected"]
+    assert (one["title"], one["run"]) == ("On a-phone", "first")
+    assert [bar["text"] for bar in one["bars"]] == [
+        "2.500 to 9.000 ms",
+        "cannot tell (0.500 to 90.000 ms)",
+    ]
+    assert one["rows"][0][3] == {"text": "1.500 to 4.000 ms (about 2.000)", "value": 1.5}
+    assert "never measured" in data["projected_warning"]
+    # No projected figure is in a table of measured ones, but in the column that says so.
+    assert "a-phone" not in json.dumps([data["frames"], data["passes"], data["configurations"]])
+    answer = next(each for each in data["answers"] if each["run"] == "first")
+    assert "PROJECTED GI" in answer["columns"]
+    assert answer["projected"].startswith("Projected, not measured: ")
+    assert call(["report", str(runs[0])]) == 0
+    assert "## Projected, not measured" in capsys.readouterr().out
 
 
 def test_markdown_again(runs: list[Path], capsys) -> None:

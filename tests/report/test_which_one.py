@@ -7,7 +7,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from gibench.report.which_one import Answer, Budgets, answers, cells, headings
+from gibench.report.projection import WHOLE_FRAME, WHOLE_GI
+from gibench.report.which_one import PROJECTED_GI, Answer, Budgets, answers, cells, headings, shown
 
 NAN = float("nan")
 
@@ -38,6 +39,8 @@ def asked(
     errors: dict[int, float] | None = None,
     unsettled: dict[int, str] | None = None,
     axes: tuple[str, ...] = (),
+    leaks: dict[int, tuple[float, float]] | None = None,
+    projected: pd.DataFrame | None = None,
 ) -> Answer:
     record = {
         "profiles": [{"name": "phone", "title": "A phone"}],
@@ -52,10 +55,12 @@ def asked(
         [
             {"configuration": number, "rel_l2": error, "bias": -error, "uncovered": 0.0}
             | {"unsettled": told.get(number, NAN)}
+            | dict(zip(("leak", "dark_area"), (leaks or {}).get(number, (NAN, NAN)), strict=True))
             for number, error in (errors or {}).items()
         ]
     )
-    (found,) = answers(pd.DataFrame(rows), record, table if errors else None, Budgets(33.0, 3.0))
+    measured, budgets = table if errors else None, Budgets(33.0, 3.0)
+    (found,) = answers(pd.DataFrame(rows), record, measured, budgets, projected)
     return found
 
 
@@ -125,3 +130,49 @@ def test_a_row_has_its_figures() -> None:
     assert told["bake s"] == "7"
     assert told["error"] == "20.0 %"
     assert told["bias"] == "-20.0 %"
+
+
+def test_leak_is_told_where_there_is_anywhere_to_leak_to() -> None:
+    rows = [frame(n, f"t{n}", 1.0, 9.0) for n in (1, 2, 3)]
+    leaks = {1: (0.034, 0.2), 2: (NAN, 0.0)}
+    unsettled = {3: "not settled after 512 frames"}
+    found = asked(rows, {1: 0.1, 2: 0.1, 3: 0.1}, unsettled, leaks=leaks | {3: (0.5, 0.2)})
+    at = headings().index("leak")
+    assert [cells(row)[at] for _, row in found.table.iterrows()] == ["3.4 %", "-", ""]
+    assert cells(asked(rows[:1]).table.iloc[0])[at] == ""
+
+
+def test_projected_ranges_have_a_column_and_a_sentence_of_their_own() -> None:
+    rows = [frame(n, f"t{n}", 1.0, 9.0) for n in (1, 2, 3, 4, 5)]
+    ranges = [(1.0, 2.9, "range"), (3.1, 9.0, "range"), (2.0, 4.0, "range"),
+              (0.1, 2.0, "cannot tell"), (NAN, NAN, "cannot tell")]  # fmt: skip
+    table = pd.DataFrame(
+        {
+            "configuration": number,
+            "device": "a-phone",
+            "pass": name,
+            "projected_low_ms": low,
+            "projected_nominal_ms": NAN,
+            "projected_high_ms": high,
+            "verdict": verdict,
+        }
+        for name, factor in ((WHOLE_GI, 1), (WHOLE_FRAME, 50))
+        for number, (low, high, verdict) in enumerate(ranges, 1)
+        for low, high in [(factor * low, factor * high)]
+    )
+    found = asked(rows, projected=table)
+    assert found.projected == (
+        "Projected, not measured: within 3 ms of global illumination on a-phone: t1 fits; t2 does "
+        "not fit; t3, t4, t5 cannot tell."
+    )
+    assert "a-phone" not in found.sentence and found.sentence == asked(rows).sentence
+    titles, lines = shown(found)
+    at = titles.index(PROJECTED_GI)
+    assert [line[at] for line in lines][:2] == ["1.000 to 2.900 ms", "3.100 to 9.000 ms"]
+    assert lines[4][at] == "cannot tell"
+    assert PROJECTED_GI not in shown(asked(rows))[0]
+    assert len(shown(asked(rows))[1][0]) == len(titles) - 1
+    two = pd.concat([table, table.assign(device="a-card")])
+    assert lines[0][at] in shown(asked(rows, projected=two))[1][0][at]
+    assert "a-card: 1.000" in shown(asked(rows, projected=two))[1][0][at]
+    assert asked(rows, projected=two).projected.count("Projected, not measured") == 2

@@ -14,9 +14,11 @@ from gibench.bake.lightmap import cached_lightmap
 from gibench.cli.main import call
 from gibench.errors import BadInput
 from gibench.reference.path_tracer import reference_irradiance
+from gibench.report.which_one import cells, headings
 from gibench.scene.lightmap import some_receivers
 from gibench.scene.load import load_scene
 from gibench.study.frozen import frozen
+from gibench.study.run_errors import QuickTruth, errors_of
 
 
 def test_some_receivers_are_those_receivers(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -70,6 +72,8 @@ def test_a_run_ends_with_its_answer(tmp_path: Path) -> None:
     errors = pd.read_csv(tmp_path / "run" / "errors.csv")
     assert list(errors["configuration"]) == [1]
     assert 0 < errors["rel_l2"][0] < 1
+    assert errors["dark_area"][0] == 0 and pd.isna(errors["leak"][0])
+    assert cells(answer.table.iloc[0])[headings().index("leak")] == "-"
     told = errors["unsettled"][0]
     assert ddgi["status"] == (told if isinstance(told, str) else "")
     report = (tmp_path / "run" / "report.md").read_text()
@@ -87,3 +91,25 @@ def test_budgets_are_above_zero(tmp_path: Path, capsys: pytest.CaptureFixture[st
             assert option in capsys.readouterr().err
     with pytest.raises(BadInput, match="budget"):
         gibench.run(gi_budget_ms=0.0, out=tmp_path / "out")
+
+
+def test_a_planted_leak_is_found_among_open_receivers_alone(rng: np.random.Generator) -> None:
+    count, chosen = 400, np.arange(0, 800, 2)
+    area = rng.uniform(0.5, 1.5, count)
+    lit = np.arange(count) < 250
+    seen = np.arange(count) < 350
+    value = np.where(lit[:, None], 2.0, 0.0) * np.ones(3)
+    truth = QuickTruth(chosen, value, np.zeros((count, 3)), area, seen)
+    result = np.zeros((800, 3))
+    result[chosen] = value
+    assert errors_of(result, truth)["leak"] == 0
+    result[chosen[~lit & seen]] += 0.1
+    result[chosen[~seen]] += 5.0
+    found = errors_of(result, truth)
+    mean = (area * value[:, 0]).sum() / area.sum()
+    assert found["leak"] == pytest.approx(0.1 / mean, rel=1e-12)
+    dark = area[~lit & seen].sum() / area.sum()
+    assert found["dark_area"] == pytest.approx(dark, rel=1e-12)
+    everywhere = QuickTruth(chosen, value + 2.0, np.zeros((count, 3)), area, seen)
+    assert np.isnan(errors_of(result, everywhere)["leak"])
+    assert errors_of(result, everywhere)["dark_area"] == 0

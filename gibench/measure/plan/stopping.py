@@ -44,10 +44,10 @@ class Plan:
     """How long a configuration is run.
 
     Warm-up goes on until a technique that tells is at rest, or ``patience`` with it is over, and
-    then until the median of the last ``WARMUP_WINDOW`` frames is within ``settled`` of the
-    median of those before (the steady state of Georges, Buytaert and Eeckhout, "Statistically
-    rigorous Java performance evaluation", OOPSLA 2007, section 3.4, with medians for their
-    coefficient of variation, which stalls of a shared machine never let settle).
+    then for two windows of ``WARMUP_WINDOW`` frames at least, until the median of the last one is
+    within ``settled`` of that of the one before (the steady state of Georges, Buytaert and
+    Eeckhout, "Statistically rigorous Java performance evaluation", OOPSLA 2007, section 3.4, with
+    medians for their coefficient of variation, which stalls of a shared machine never let settle).
 
     Measuring ends when the distribution-free 95 % confidence interval of the median frame time is
     narrower than ``relative_width`` of the median (Hoefler and Belli, "Scientific benchmarking of
@@ -95,7 +95,7 @@ class Plan:
         since = walls_ms[waited:]
         if len(since) >= self.warmup_most or sum(since) > 1e3 * self.warmup_seconds:
             return True
-        if done < 2 * WARMUP_WINDOW:
+        if len(since) < 2 * WARMUP_WINDOW:
             return False
         before = float(np.median(walls_ms[-2 * WARMUP_WINDOW : -WARMUP_WINDOW]))
         return abs(float(np.median(walls_ms[-WARMUP_WINDOW:])) - before) <= self.settled * before
@@ -116,12 +116,23 @@ class Plan:
             return f"the cap of {self.seconds:.0f} s"
         return None
 
-    def image_frame(self, waited: int = 0) -> int:
-        """The last frame that is run whatever the rules decide, after ``waited`` frames until the
-        technique was at rest: the same in every run, so that its images are too. (Where a cap on
-        seconds comes first, images are of the last frame.)
+    def waited(self, walls_ms: Sequence[float], rested: int | None) -> int | None:
+        """After how many frames a technique was no longer waited for; None while it is.
+
+        Args:
+            walls_ms: times of all frames of warm-up, in order, ms.
+            rested: how many it took until it was at rest, None while it is not.
         """
-        warmup = max(2 * WARMUP_WINDOW, waited) if self.warmup is None else self.warmup
+        if self.warmup is not None:
+            return 0
+        return self.patience.spent(walls_ms) if rested is None else rested
+
+    def image_frame(self) -> int:
+        """The last of the scene's frames that is shown whatever the rules decide, but for caps on
+        seconds. The scene's clock begins where a technique is no longer waited for, so that images
+        are of the same frame in every configuration.
+        """
+        warmup = 2 * WARMUP_WINDOW if self.warmup is None else self.warmup
         return warmup + (self.least if self.frames is None else self.frames) - 1
 
     def expected(self, waits: bool = False) -> int:

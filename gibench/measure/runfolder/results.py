@@ -48,6 +48,7 @@ class JobResult:
         rest: whether it was at rest then, in words; empty where its technique does not tell.
         frames_to_rest: after so many it was, if it was.
         ms_to_rest: that those took.
+        pictured: the scene's frame that its images show; None where none were taken.
         frames: measured.
         stopped: why no further frame was measured.
         beside_ms: wall times of constant work after each of its frames, where they differ.
@@ -67,6 +68,7 @@ class JobResult:
     rest: str = ""
     frames_to_rest: int | None = None
     ms_to_rest: float | None = None
+    pictured: int | None = None
     stopped: str = ""
     status: str = OK
     reason: str = ""
@@ -124,6 +126,7 @@ class JobResult:
             "rest": self.rest,
             "frames_to_rest": self.frames_to_rest,
             "ms_to_rest": self.ms_to_rest,
+            "pictured": self.pictured,
             "stopped": self.stopped,
             "beside_ms": [round(ms, 4) for ms in self.beside_ms],
             "own_ms": [round(ms, 4) for ms in self.own_ms],

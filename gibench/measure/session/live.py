@@ -59,6 +59,7 @@ class Live:
         warming_ms: wall times of its warm-up frames.
         walls_ms: wall times of the frames that count.
         rows: samples not stored yet.
+        waited: frames after which it was no longer waited for, and the scene's clock began.
         pictured: whether its images were taken.
         beside: timed after each of its frames, where they differ; made with the first.
     """
@@ -70,12 +71,28 @@ class Live:
     warming_ms: list[float] = field(default_factory=list)
     walls_ms: list[float] = field(default_factory=list)
     rows: list[tuple[Any, ...]] = field(default_factory=list)
+    waited: int | None = None
     pictured: bool = False
 
     @property
     def runs(self) -> bool:
         """Whether it has any pass to run."""
         return any(p.status == OK for p in self.session.prepared)
+
+    @property
+    def ran(self) -> int:
+        """Frames run, and the number of the next one."""
+        return len(self.warming_ms) + len(self.walls_ms)
+
+    def wait(self, plan: Plan) -> None:
+        """Hold the scene's clock as long as it is waited for until it rests, and begin it then."""
+        if self.waited is not None:
+            return
+        self.waited = plan.waited(self.warming_ms, self.rest.waited)
+        if self.waited is None:
+            self.session.world.clock.hold()
+        else:
+            self.session.world.clock.begin(self.ran)
 
 
 @dataclass

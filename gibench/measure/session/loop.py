@@ -253,17 +253,15 @@ def _block(loop: Loop, live: Live, advance: Callable[[int], None]) -> bool:
     """Run one block of frames; whether the configuration is measured enough."""
     plan, result, rest = loop.plan, live.result, live.rest
     for _ in range(BLOCK):
-        waited = rest.waited
-        warm = plan.warm(live.warming_ms, waited)
-        if warm and waited is None:
-            waited = len(live.warming_ms)  # it is not waited for any longer
+        live.wait(plan)
+        warm = plan.warm(live.warming_ms, live.waited)
         if loop.flush is not None:
             loop.flush()
-        frame = len(live.warming_ms) + len(live.walls_ms)
+        frame = live.ran
         times = live.session.frame(frame)
         advance(1)
-        if waited is not None and frame == plan.image_frame(waited):
-            _take_images(loop, live)
+        if _shows_image(loop, live, frame):
+            _take_images(loop, live, frame)
         if not warm:
             live.warming_ms.append(times.wall_ms)
             rest.ran(times.wall_ms)
@@ -332,17 +330,28 @@ def _finish(loop: Loop, live: Live) -> None:
         _tell_of_missing_passes(result, live.session.prepared)
         return
     live.session.irradiance()  # times of a frame that computes nonsense are worth nothing
-    live.rest.look_again(len(live.warming_ms) + len(live.walls_ms))
+    live.rest.look_again(live.ran)
     _tell_rest(result, live.rest)
     result.reason = "; ".join(filter(None, (result.reason, live.rest.warning())))
-    if not live.pictured:
-        _take_images(loop, live)
+    if loop.take_images is not None and not live.pictured:
+        frame = live.ran - 1
+        while live.session.world.moves and not _shows_image(loop, live, frame):
+            frame += 1  # a cap on seconds came first: on to what all others show, untimed
+            live.session.frame(frame)
+        _take_images(loop, live, frame)
 
 
-def _take_images(loop: Loop, live: Live) -> None:
-    """Give away the images of the frame just run, where it is whole."""
+def _shows_image(loop: Loop, live: Live, frame: int) -> bool:
+    """Whether ``frame`` shows what the images of all configurations show."""
+    begun = live.waited is not None
+    return begun and live.session.world.clock.shows(frame) == loop.plan.image_frame()
+
+
+def _take_images(loop: Loop, live: Live, frame: int) -> None:
+    """Give away the images of ``frame``, just run, where it is whole."""
     if loop.take_images is not None and all(p.status == OK for p in live.session.prepared):
         loop.take_images(live.result, live.session.images())
+        live.result.pictured = live.session.world.clock.shows(frame)
     live.pictured = True
 
 

@@ -14,6 +14,7 @@ from gibench.rays.offset import ray_scale
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.camera_path import Flight
+from gibench.techniques.clock import Clock
 from gibench.techniques.job import Known, Shot, World
 from gibench.techniques.parts.camera_table import CAMERA_FLOATS, camera_table
 from gibench.techniques.parts.light_table import light_table
@@ -58,11 +59,12 @@ class FrameScene:
         bvh: the scene's tree, where it is already built.
         flight: that takes the camera along; None where it rests.
         motion: of its objects and materials; None where all rest.
+        clock: tells which of the scene's frames a frame shows; None where it is that of its number.
 
     Attributes:
         surfaces: geometry, materials, textures; all that kernels read of a surface.
         camera: the view of the frame last begun.
-        frame: the frame last begun; 0 before any.
+        frame: the scene's frame that was last begun; 0 before any.
 
     Raises:
         CannotRun: it does not fit the device's profile.
@@ -78,8 +80,10 @@ class FrameScene:
         bvh: Bvh | None = None,
         flight: Flight | None = None,
         motion: MovingObjects | None = None,
+        clock: Clock | None = None,
     ) -> None:
         self.device, self.scene = device, scene
+        self._clock = clock or Clock()
         self.camera = self._resting = camera
         self.frame = 0
         self._flight, self._motion = flight, motion
@@ -146,6 +150,7 @@ class FrameScene:
             world.camera,
             flight=world.flight,
             motion=world.motion,
+            clock=world.clock,
         )
 
     @property
@@ -241,10 +246,10 @@ class FrameScene:
         return [] if self._moving is None else self._moving.passes()
 
     def begin_frame(self, frame: int) -> None:
-        """Move lights and camera to where they are in ``frame``, and tell where the objects are and
-        what colours materials have.
+        """Move lights and camera to where they are in what ``frame`` shows (:class:`Clock`), and
+        tell where the objects are and what colours materials have.
         """
-        self.frame = frame
+        self.frame = frame = self._clock.shows(frame)
         self.device.write(self._lights, light_table(self.scene.lights_at(frame)))
         if self._moving is not None and self._motion is not None:
             self._moving.move(self._motion.transforms_in(frame))
