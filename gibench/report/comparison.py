@@ -13,7 +13,8 @@ from rich.table import Table
 
 from gibench.errors import GibenchError
 from gibench.measure.compare.paired import Judged
-from gibench.report.terminal import console, number
+from gibench.report.figures import number
+from gibench.report.terminal import console
 
 _STYLE = {"faster": "green", "slower": "bold red", "ambiguous": "yellow", "same": "dim"}
 _MARK = {"faster": "🟢", "slower": "🔴", "ambiguous": "🟡", "same": "⚪"}

@@ -9,7 +9,8 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
-from gibench.report.terminal import console, number
+from gibench.report.figures import number
+from gibench.report.terminal import console
 
 _COLORS = {"right": "green", "wrong": "red", "cannot run": "yellow", "no oracle": "dim"}
 

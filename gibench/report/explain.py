@@ -217,7 +217,8 @@ def show_explanation(table: pd.DataFrame, profile: DeviceProfile) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.report.terminal import console, number, percent
+    from gibench.report.figures import number, percent
+    from gibench.report.terminal import console
 
     out = console()
     out.print(

@@ -12,10 +12,11 @@ from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
 from gibench.measure.runfolder.results import AT_REST
 from gibench.measure.statistics.summary import REAL_TIME_MS, moved
 from gibench.measure.statistics.worst import BESIDE_PER_FRAME, CLEAR, HOLDS_SHARE, STUTTER
+from gibench.report.figures import number, percent
 from gibench.report.images import METHOD
 from gibench.report.roofline import drawable
 from gibench.report.tables import roofs_of
-from gibench.report.terminal import heading, number, percent
+from gibench.report.terminal import heading
 from gibench.report.which_one import Answer, shown
 from gibench.techniques.registry import axis_title
 

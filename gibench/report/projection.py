@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from gibench.report.terminal import number
+from gibench.report.figures import number
 
 PROJECTED = "projected.csv"
 WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
 from gibench.measure.statistics.summary import REAL_TIME_MS
+from gibench.report.figures import number, percent
 from gibench.report.which_one import PROJECTED_GI, Answer, shown
 from gibench.techniques.registry import axis_title
 
@@ -62,16 +63,6 @@ def show_answers(found: Sequence[Answer]) -> None:
         out.print(escape(one.sentence), soft_wrap=True)
         if one.projected:
             out.print(escape(one.projected), soft_wrap=True)
-
-
-def number(value: Any, digits: int = 2) -> str:
-    """A figure to read: blank where there is none."""
-    return "" if pd.isna(value) else f"{value:,.{digits}f}"
-
-
-def percent(value: Any) -> str:
-    """A share to read: blank where there is none."""
-    return "" if pd.isna(value) else f"{100 * value:.0f} %"
 
 
 def heading(frame: pd.Series, record: Mapping[str, Any]) -> str:
