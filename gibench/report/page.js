@@ -86,7 +86,8 @@ function table(place, { columns, rows }, hidden = []) {
         const text = value === null ? "" : value.text ?? (number ? figure(value)
           : typeof value === "boolean" ? (value ? "yes" : "no") : value);
         const shown = number && / ms$/.test(columns[i]) ? toSamples(row[0], row[1], text) : text;
-        return filled[i] ? element("td", number ? { class: "n" } : i === 1 ? { class: "name" } : {}, shown) : "";
+        const kind = /^PROJECTED/.test(columns[i]) ? "guess" : number ? "n" : i === 1 ? "name" : "";
+        return filled[i] ? element("td", kind ? { class: kind } : {}, shown) : "";
       }));
     }));
     // By keyboard a row is one stop, where it is one configuration.
@@ -95,7 +96,7 @@ function table(place, { columns, rows }, hidden = []) {
   columns.forEach((name, i) => {
     if (!filled[i]) return;
     const button = element("button", { type: "button" }, name);
-    const cell = element("th", { scope: "col" }, button);
+    const cell = element("th", { scope: "col", "data-title": name }, button);
     button.addEventListener("click", () => {
       up = by === i ? !up : true;
       by = i;
@@ -218,15 +219,15 @@ function projected() {
     const place = element("div", { class: "table" }), plot = element("div", { class: "plot" });
     $("#projected .devices").append(element("h3", {}, many ? `${one.title} (${one.run})` : one.title), plot, place);
     if (one.bars.length) {
-      const row = 24, left = 330, width = 1100, right = 210, foot = 26;
+      const row = 24, left = 70, width = 1100, right = 210, foot = 26;
       const low = Math.log10(Math.min(...one.bars.map(b => b.low))), high = Math.log10(Math.max(...one.bars.map(b => b.high)));
       const near = low - 0.1, far = Math.max(high, low + 0.5) + 0.1;
       const x = v => left + (Math.log10(v) - near) / (far - near) * (width - left - right);
-      const svg = element("svg", { viewBox: `0 0 ${width} ${row * one.bars.length + foot}` });
+      const labels = [...new Set(one.bars.map(b => b.label))], bottom = row * (one.bars.length + labels.length);
+      const svg = element("svg", { viewBox: `0 0 ${width} ${bottom + foot}` });
       svg.append(element("defs", {}, element("pattern", { id: `hatch${n}`, width: 6, height: 6,
         patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
         element("rect", { width: 2.2, height: 6, class: "hatch" }))));
-      const bottom = row * one.bars.length;
       for (let e = Math.floor(near); e <= far; e++) for (const f of [1, 2, 5]) {
         const v = +(f * 10 ** e).toPrecision(3);
         if (Math.log10(v) < near || Math.log10(v) > far) continue;
@@ -234,11 +235,12 @@ function projected() {
           element("text", { x: x(v), y: bottom + 16, "text-anchor": "middle", class: "soft" }, `${v} ms`));
       }
       one.bars.forEach((bar, k) => {
-        const y = row * k, told = bar.verdict === "cannot tell";
-        svg.append(element("text", { x: left - 8, y: y + 16, "text-anchor": "end" }, bar.label),
+        const above = labels.indexOf(bar.label) + 1, y = row * (k + above), told = bar.verdict === "cannot tell";
+        if (bar.label !== one.bars[k - 1]?.label) svg.append(element("text", { x: 16, y: y - 4 }, bar.label));
+        svg.append(element("text", { x: left - 8, y: y + 16, "text-anchor": "end" }, bar.whole),
           tip(element("rect", { x: x(bar.low), y: y + 5, height: 14, width: Math.max(x(bar.high) - x(bar.low), 2),
             class: told ? "range unknown" : "range", fill: told ? "none" : `url(#hatch${n})` }),
-            `${bar.label}: projected ${bar.text}`),
+            `${bar.label}, ${bar.whole}: projected ${bar.text}`),
           element("text", { x: x(bar.high) + 8, y: y + 16, class: "soft" }, bar.text));
       });
       plot.append(svg);

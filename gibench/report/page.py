@@ -188,8 +188,8 @@ def _projected(name: str, run: LoadedRun) -> list[dict[str, Any]]:
             if row["pass"] in (WHOLE_FRAME, WHOLE_GI) and not pd.isna(row["projected_low_ms"]):
                 bars.append(
                     {
-                        "label": f"{label}: {_WHOLE[row['pass']]}",
-                        "technique": row["technique"],
+                        "label": label,
+                        "whole": _WHOLE[row["pass"]],
                         "low": _plain(row["projected_low_ms"]),
                         "high": _plain(row["projected_high_ms"]),
                         "text": text,

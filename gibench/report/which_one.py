@@ -121,7 +121,7 @@ def _rows(
             "leak": float("nan") if unsettled else error.get("leak", float("nan")),
             "dark_area": error.get("dark_area", float("nan")),
             "uncovered": error.get("uncovered", float("nan")),
-            "projected": "" if gi is None else _projected_text(gi, number),
+            "projected": "" if gi is None or not row["gi_ms"] > 0 else _projected_text(gi, number),
             "error": unsettled,
             "status": _status(row, unsettled),
         }
@@ -218,17 +218,17 @@ def _projected_sentence(
     rows: Sequence[Mapping[str, Any]], gi: pd.DataFrame, budgets: Budgets
 ) -> str:
     """What projected ranges say of the budget for GI on each device; empty where there are none."""
-    names = {row["configuration"]: str(row["name"]) for row in rows}
+    names = {row["configuration"]: str(row["name"]) for row in rows if row["gi_ms"] > 0}
     told = []
     for device, group in gi[gi["configuration"].isin(names)].groupby("device", sort=False):
         verdicts: dict[str, list[str]] = {}
         for _, row in group.iterrows():
             verdict = _fits_projected(row, budgets.gi_ms)
             verdicts.setdefault(verdict, []).append(names[row["configuration"]])
-        words = [f"{', '.join(verdicts[one])} {one}" for one in _VERDICTS if one in verdicts]
+        words = [f"{one}: {', '.join(verdicts[one])}" for one in _VERDICTS if one in verdicts]
         told.append(
             f"Projected, not measured: within {budgets.gi_ms:g} ms of global illumination on "
-            f"{device}: {'; '.join(words)}."
+            f"{device}, {'; '.join(words)}."
         )
     return " ".join(told)
 

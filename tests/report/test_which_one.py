@@ -144,8 +144,10 @@ def test_leak_is_told_where_there_is_anywhere_to_leak_to() -> None:
 
 def test_projected_ranges_have_a_column_and_a_sentence_of_their_own() -> None:
     rows = [frame(n, f"t{n}", 1.0, 9.0) for n in (1, 2, 3, 4, 5)]
+    rows.append(frame(6, "direct", 0.0, 9.0))
     ranges = [(1.0, 2.9, "range"), (3.1, 9.0, "range"), (2.0, 4.0, "range"),
-              (0.1, 2.0, "cannot tell"), (NAN, NAN, "cannot tell")]  # fmt: skip
+              (0.1, 2.0, "cannot tell"), (NAN, NAN, "cannot tell"),
+              (1.0, 2.0, "range")]  # fmt: skip
     table = pd.DataFrame(
         {
             "configuration": number,
@@ -162,14 +164,14 @@ def test_projected_ranges_have_a_column_and_a_sentence_of_their_own() -> None:
     )
     found = asked(rows, projected=table)
     assert found.projected == (
-        "Projected, not measured: within 3 ms of global illumination on a-phone: t1 fits; t2 does "
-        "not fit; t3, t4, t5 cannot tell."
+        "Projected, not measured: within 3 ms of global illumination on a-phone, fits: t1; does "
+        "not fit: t2; cannot tell: t3, t4, t5."
     )
     assert "a-phone" not in found.sentence and found.sentence == asked(rows).sentence
     titles, lines = shown(found)
     at = titles.index(PROJECTED_GI)
     assert [line[at] for line in lines][:2] == ["1.000 to 2.900 ms", "3.100 to 9.000 ms"]
-    assert lines[4][at] == "cannot tell"
+    assert lines[4][at] == "cannot tell" and lines[5][at] == ""
     assert PROJECTED_GI not in shown(asked(rows))[0]
     assert len(shown(asked(rows))[1][0]) == len(titles) - 1
     two = pd.concat([table, table.assign(device="a-card")])
