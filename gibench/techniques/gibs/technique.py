@@ -13,7 +13,8 @@ import numpy.typing as npt
 from gibench.device import Buffer, BufferSpec, Device, Launch, total_bytes
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera, Scene
-from gibench.techniques.gibs.passes import COVERAGE_STEPS, CameraView, FramePasses, tiles_of
+from gibench.techniques.gibs.camera_view import CameraView, tiles_of
+from gibench.techniques.gibs.passes import COVERAGE_STEPS, FramePasses
 from gibench.techniques.gibs.settings import PERSPECTIVE, GibsSettings
 from gibench.techniques.gibs.surfels import (
     COUNT_ALIVE,
