@@ -29,10 +29,12 @@ ERROR_COLUMNS = (
     "leak",
     "dark_area",
     "uncovered",
+    "change",
     "unsettled",
 )
 """Of ``errors.csv``: shares; ``leak`` of the truth's mean, where there is any ``dark_area`` (share
 of the surface) to leak to; ``uncovered`` of the receivers that a technique says nothing of;
+``change`` of the mean irradiance while the frames doubled last;
 ``unsettled`` says after how many frames it was not, and is empty where it was."""
 
 
