@@ -109,6 +109,7 @@ def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path) -> None:
             sh_order=1,
             resolution=(32, 24),
             target_error=0.5,
+            reference_paths=16,
             frames=16,
             out=tmp_path / name,
             cache_dir=tmp_path / f"cache-{name}",

@@ -58,8 +58,8 @@ def test_no_id_is_lost_or_given_twice_in_a_thousand_frames_of_flight(variant):
 @pytest.mark.parametrize("grid", ["uniform", PERSPECTIVE])
 def test_every_visible_pixel_is_covered_at_rest(grid):
     technique = gibs(
-        furnished(), placement_chance=0.5, radius_share=0.05, grid=grid, grid_cells=16, width=64,
-        height=48, surfels=4000,
+        furnished(), placement_chance=0.5, radius_share=0.05, grid=grid, grid_cells=16, width=48,
+        height=32, surfels=4000,
     )  # fmt: skip
     # A tile places one surfel a frame at most, half of the time, and needs about 60.
     frames = Frames(technique).run(330)

@@ -39,7 +39,7 @@ def test_in_a_furnace_irradiance_is_two_pi(variant, guided, depth):
     # it has come near and turned away from leave a hole.
     settings = {**SETTINGS, "rays_per_surfel": 1.0, "smallest_radius": 0.05}
     technique = gibs(
-        scene, variant, width=64, height=64, ray_guiding=guided, depth_moments=depth, **settings
+        scene, variant, width=48, height=48, ray_guiding=guided, depth_moments=depth, **settings
     )
     frames = Frames(technique)
     # What the camera has never seen has no surfels and bounces nothing: it looks around first.
