@@ -123,7 +123,7 @@ def _rows(
             "leak": float("nan") if unsettled else error.get("leak", float("nan")),
             "dark_area": error.get("dark_area", float("nan")),
             "uncovered": error.get("uncovered", float("nan")),
-            "projected": "" if gi is None or not row["gi_ms"] > 0 else _projected_text(gi, number),
+            "projected": "" if gi is None or row["gi_ms"] == 0 else _projected_text(gi, number),
             "error": unsettled,
             "status": _status(row, unsettled),
         }
@@ -220,7 +220,7 @@ def _projected_sentence(
     rows: Sequence[Mapping[str, Any]], gi: pd.DataFrame, budgets: Budgets
 ) -> str:
     """What projected ranges say of the budget for GI on each device; empty where there are none."""
-    names = {row["configuration"]: str(row["name"]) for row in rows if row["gi_ms"] > 0}
+    names = {row["configuration"]: str(row["name"]) for row in rows if row["gi_ms"] != 0}
     told = []
     for device, group in gi[gi["configuration"].isin(names)].groupby("device", sort=False):
         verdicts: dict[str, list[str]] = {}
