@@ -23,6 +23,7 @@ SIZES = {
     "blue-orange-box": (96, 20, 50_784),
     "bumpy-box": (94, 27, 20_000),
     "glossy-box": (68, 27, 20_000),
+    "sharp-bounce": (62, 12, 12_000),
     "two-rooms": (56, 40, 20_000),
     "two-rooms-gap": (64, 40, 20_000),
     "hall": (28_862, 108, 103_605),
@@ -37,7 +38,7 @@ SIZES = {
     "vase": (1_440, 27, 20_000),
 }
 KINDS = ("church", "maze", "street", "thin-house", "big-hall", "vase")
-SUNLESS = ("two-rooms", "two-rooms-gap", "maze", "big-hall")
+SUNLESS = ("sharp-bounce", "two-rooms", "two-rooms-gap", "maze", "big-hall")
 # The atrium takes most of a minute on a busy core; the hall is unwrapped without its door, too.
 UNWRAPPED = [
     pytest.param(name, marks=[pytest.mark.slow] if name in ("atrium", "hall-door") else [])

@@ -82,6 +82,8 @@ FILES = {
     "convergence": ("convergence.png", "convergence-ms.png", "convergence-samples.csv"),
     "equal-time": ("cornell-box-vega56.png",),
     "equal-error": ("cornell-box-vega56.png",),
+    "order-density": ("order-density.png", "order-density.svg"),
+    "srp-error": ("srp-error.png", "srp-error.svg"),
     "surfel-links": ("surfel-links.png", "surfel-links.svg"),
     "surfel-bands": (),
     "surfel-frame": (),

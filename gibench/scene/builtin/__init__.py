@@ -20,6 +20,7 @@ _MAKERS: dict[str, Callable[[Settings], list[Piece]]] = {
     "blue-orange-box": box_room.parts,
     "bumpy-box": box_room.parts,
     "glossy-box": box_room.glossy_strips,
+    "sharp-bounce": box_room.parts,
     "two-rooms": two_rooms.parts,
     "two-rooms-gap": two_rooms.parts,
     "hall": hall.parts,

@@ -10,12 +10,14 @@ from gibench.study.experiments import (
     frame_times,
     interpolation,
     light_field,
+    order_density,
     probe_density,
     probe_update,
     ray_budget,
     receiver_reduction,
     scaling,
     sh_order,
+    srp_error,
     surfel_density,
     surfel_failures,
     surfel_gloss,
@@ -48,6 +50,8 @@ EXPERIMENTS = {
         defaults.EXPERIMENT,
         equal.EQUAL_TIME,
         equal.EQUAL_ERROR,
+        srp_error.EXPERIMENT,
+        order_density.EXPERIMENT,
     )
 }
 

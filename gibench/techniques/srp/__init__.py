@@ -75,7 +75,7 @@ def _buffers(known: Known) -> list[BufferSpec]:
             # How many lie on what moves only the atlas tells; seldom is it more than half.
             receivers //= 2
         sizes = TransportSizes.least(
-            probes=settings.probes or scene.probes.count,
+            probes=(settings.probes or scene.probes.count) + (settings.sky == "receivers"),
             coefficients=sh_count(settings.order),
             samples=settings.relight_samples,
             receivers=receivers,

@@ -85,6 +85,11 @@ class Srp:
                 "srp.normal_maps and srp.gloss shade scenes in which nothing moves",
                 mend="leave them out, or --motion",
             )
+        if motion is not None and bake.probes.sky:
+            raise CannotRun(
+                "sky=receivers knows nothing of what moves before the sky",
+                mend="use --set srp.sky=probes, or leave out --motion",
+            )
         lightmap = world.lightmap
         if self._moving is not None:
             lightmap = resting_lightmap(lightmap, self._moving)
@@ -180,8 +185,8 @@ class Srp:
             images["frame"],
             self.scene.camera,
             self._world.scene,
-            self._bake.probes.positions,
-            self.variant.probe_radiance(),
+            self._bake.probes.placed.positions,
+            self.variant.probe_radiance()[: len(self._bake.probes.placed)],
         )
         return images
 
@@ -209,10 +214,17 @@ class Srp:
             )
         return whole
 
+    def outgoing_radiance(self) -> FloatArray:
+        """What the receivers sent out in the last frame, (n, 3) W/m2/sr: what they emit, and what
+        they reflect of direct light and, with bounces, of the indirect light of the frame before.
+        """
+        radiance = self.device.read(self.variant.radiance)
+        return radiance.reshape(-1, 4)[self.receivers.lightmap.receivers.texel, :3]
+
     def counts(self) -> dict[str, int]:
         """Probes, receivers, clusters and light basis vectors."""
         return {
-            "probes": self.sizes.probes,
+            "probes": len(self._bake.probes.placed),
             "receivers": len(self._world.lightmap.receivers),
             "clusters": self.sizes.clusters,
             "light_basis_vectors": self.sizes.rows,

@@ -22,13 +22,21 @@ class ProbeSet:
     Attributes:
         positions: (p, 3) float32, m.
         radius: support radius of every probe, m.
+        sky: whether the last one stands for the sky (:mod:`gibench.techniques.srp.bake.sky`); its
+            position means nothing.
     """
 
     positions: Floats = field(repr=False)
     radius: float
+    sky: bool = False
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    @property
+    def placed(self) -> ProbeSet:
+        """Those that lie somewhere: without the sky."""
+        return ProbeSet(self.positions[:-1], self.radius) if self.sky else self
 
 
 @dataclass(frozen=True)

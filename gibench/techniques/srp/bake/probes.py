@@ -123,6 +123,26 @@ def find_candidates(
     )
 
 
+def open_places(
+    scene: Scene, tracer: RayTracer, beside: Doubles, count: int, rng: np.random.Generator
+) -> Doubles:
+    """At most ``count`` places (n, 3), m, spread over the space that ``beside`` (c, 3), places
+    beside surfaces, lie in: empty voxels that see no more backs than those may.
+    """
+    voxels = voxelise(scene, _LONGEST)
+    region = regions(voxels)
+    region[[0, -1]] = region[:, [0, -1]] = region[:, :, [0, -1]] = 0
+    index = np.floor((beside - voxels.origin) / voxels.edge).astype(np.int64)
+    index = np.clip(index, 0, np.array(region.shape) - 1)
+    inside = np.unique(region[tuple(index.T)])
+    found = np.argwhere(np.isin(region, inside[inside > 0]))
+    found = found[np.sort(rng.choice(len(found), min(len(found), count), replace=False))]
+    points = voxels.centres(found)
+    front, back = view_shares(points.astype(np.float32), scene, tracer)
+    points = points[(front > 0) & (back <= _MOST_BACK_FACES)]
+    return points if len(points) else beside[:count]
+
+
 def thin(candidates: Doubles, wanted: int, spacing: float) -> npt.NDArray[np.int64]:
     """Indices of ``wanted`` candidates left after removing, one by one, the densest.
 

@@ -14,6 +14,8 @@ from gibench.techniques.srp.bake.data import (
 
 Visibility = Literal["cached", "exact"]
 Interpolation = Literal["srp", "spatial", "visibility"]
+Sky = Literal["probes", "receivers"]
+Placement = Literal["published", "error"]
 
 USUAL_ORDERS = (7, 4)
 """SH order of the probes by the receivers' (Silvennoinen and Lehtinen 2017, sections 5 and 5.1)."""
@@ -135,6 +137,26 @@ class SrpBakeSettings:
         },
     )
 
+    sky: Sky = field(
+        default="probes",
+        metadata={
+            "help": "where the light of the sky is kept: in the probes, which blur it over what "
+            "stands before it (Silvennoinen and Lehtinen 2017), or apart, seen by every receiver "
+            "through its own visibility, for more memory",
+            "unit": "",
+        },
+    )
+
+    placement: Placement = field(
+        default="published",
+        metadata={
+            "help": "of the probes: published, thinned evenly beside surfaces (Silvennoinen and "
+            "Lehtinen 2017, section 4.1), or error, moved from there to where the irradiance under "
+            "random lights errs least, for a longer bake",
+            "unit": "",
+        },
+    )
+
     def __post_init__(self) -> None:
         if not 0 <= self.receiver_order <= MAX_RECEIVER_ORDER:
             raise BadInput(f"receiver_order is {self.receiver_order}", mend="use 0 or 1")
@@ -158,11 +180,22 @@ class SrpBakeSettings:
             raise BadInput(f"svd_threshold is {self.svd_threshold}", mend="use 0 to below 1")
         if not 0 <= self.least_valid < 1:
             raise BadInput(f"least_valid is {self.least_valid}", mend="use 0 to below 1")
-        for name, known in (("visibility", Visibility), ("interpolation", Interpolation)):
+        for name, known in (
+            ("visibility", Visibility),
+            ("interpolation", Interpolation),
+            ("sky", Sky),
+            ("placement", Placement),
+        ):
             if getattr(self, name) not in get_args(known):
                 raise BadInput(
                     f"{name} is '{getattr(self, name)}'", mend=f"use {', '.join(get_args(known))}"
                 )
+
+        if self.sky == "receivers" and self.interpolation != "srp":
+            raise BadInput(
+                f"sky=receivers is not for interpolation={self.interpolation}",
+                mend="use interpolation=srp, or sky=probes",
+            )
 
     @property
     def order(self) -> int:
@@ -176,16 +209,20 @@ class SrpBakeSettings:
         return sh_count(self.receiver_order)
 
     @property
-    def placement(self) -> tuple[object, ...]:
-        """What the place of the probes depends on."""
+    def placed_by(self) -> tuple[object, ...]:
+        """What the published place of the probes depends on."""
         return self.probes, self.overlap
 
     @property
     def everything(self) -> tuple[object, ...]:
-        """What the compressed transport depends on: all there is. Of receivers of order 0 their
-        order is left out, so that bakes older than it are still found.
+        """What the compressed transport depends on: all there is. What is as it was before there
+        was a setting for it is left out, so that older bakes are still found.
         """
         names = [item.name for item in fields(SrpBakeSettings)]
         if not self.receiver_order:
             names.remove("receiver_order")
+        if self.sky == "probes":
+            names.remove("sky")
+        if self.placement == "published":
+            names.remove("placement")
         return tuple(getattr(self, name) for name in names)

@@ -23,9 +23,11 @@ from gibench.techniques.srp.bake.cpca import aabb_clusters, compress
 from gibench.techniques.srp.bake.data import Cluster, ProbeSet, RelightSamples, SrpBake, sh_count
 from gibench.techniques.srp.bake.expected_light import expected_light
 from gibench.techniques.srp.bake.lower_order import lower_clusters
+from gibench.techniques.srp.bake.placement_stages import placement_stages
 from gibench.techniques.srp.bake.probes import mean_overlap, place_probes
 from gibench.techniques.srp.bake.relight import relight_samples
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
+from gibench.techniques.srp.bake.sky import sky_apart, tables_with_sky, with_sky
 from gibench.techniques.srp.bake.transport import CHUNK_RAYS, TransportBaker
 from gibench.techniques.srp.bake.visibility import VisibilityTables, visibility_tables
 from gibench.work import Worker
@@ -76,7 +78,8 @@ def srp_stages(given: Given, order: int | None = None) -> tuple[Stage, ...]:
     Raises:
         ValueError: ``order`` is higher than the settings'.
     """
-    probes, relight, visibility, transport = _highest(given)
+    *placing, relight, visibility, transport = _highest(given)
+    probes = placing[-1]
     leaves, lowered = transport, tuple[Stage, ...]()
     if order is not None and order != given.settings.order:
         if order > given.settings.order:
@@ -93,11 +96,13 @@ def srp_stages(given: Given, order: int | None = None) -> tuple[Stage, ...]:
         needs=needs,
         keep=Keep.NEVER,
     )
-    return probes, relight, visibility, transport, *lowered, whole
+    return *placing, relight, visibility, transport, *lowered, whole
 
 
-def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
-    """Probes, relight samples, visibility tables and transport at the settings' SH order."""
+def _highest(given: Given) -> tuple[Stage, ...]:
+    """Stages that place the probes, the last of which gives them; relight samples, visibility
+    tables and transport at the settings' SH order.
+    """
     scene, lightmap, settings = given.scene, given.lightmap, given.settings
     own = scene.probes.count, scene.probes.positions
     probes = Stage(
@@ -107,7 +112,7 @@ def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
             PROBES_VERSION,
             scene.geometry_hash(),
             lightmap.content_hash(),
-            settings.placement,
+            settings.placed_by,
             given.seed,
             own[0],
             "none" if own[1] is None else np.asarray(own[1], np.float32),
@@ -117,6 +122,13 @@ def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
         format=Format(_write_probes, _read_probes),
         made_from=_made_from(given, probes=settings.probes, overlap=settings.overlap),
     )
+    placing: tuple[Stage, ...] = (probes,)
+    if settings.placement == "error":
+        more = placement_stages(
+            scene, lightmap, settings, given.seed, probes, Format(_write_probes, _read_probes)
+        )
+        placing = (*placing, *more)
+        probes = placing[-1]
     order, samples = settings.order, settings.relight_samples
     relight = Stage(
         name="srp-relight",
@@ -154,7 +166,7 @@ def _highest(given: Given) -> tuple[Stage, Stage, Stage, Stage]:
         title="Baking transport",
         made_from=_made_from(given, settings=repr(settings)),
     )
-    return probes, relight, visibility, transport
+    return *placing, relight, visibility, transport
 
 
 def _lowered(given: Given, transport: Stage, order: int) -> Stage:
@@ -227,14 +239,18 @@ def _transport(given: Given, needed: Sequence[Any], unit: Unit, worker: Worker) 
     probes, relight, tables = (*needed, None)[:3]
     lightmap, settings, members = given.lightmap, given.settings, unit.data
 
+    apart = settings.sky == "receivers"
+    if apart:
+        relight = sky_apart(relight)
+
     def make() -> TransportBaker:
         return TransportBaker(
             given.scene,
             lightmap,
-            probes,
+            with_sky(probes) if apart else probes,
             settings,
             scene_tracer(given.scene),
-            tables,
+            tables_with_sky(tables) if apart and tables is not None else tables,
             seed=given.seed,
             chunk_rays=given.chunk_rays,
         )
@@ -277,9 +293,12 @@ def _assemble(
     (of, order), (probes, relight, leaves) = given, needed
     receivers = of.lightmap.receivers
     basis = np.ascontiguousarray(relight.basis[:, : sh_count(order)])
+    apart = of.settings.sky == "receivers"
+    if apart:
+        relight = sky_apart(relight)
     return SrpBake(
         sh_order=order,
-        probes=probes,
+        probes=with_sky(probes) if apart else probes,
         relight=replace(relight, basis=basis),
         clusters=tuple(cluster for leaf in leaves for cluster in leaf.clusters),
         usable_share=sum(leaf.usable for leaf in leaves) / max(1, len(receivers)),

@@ -41,6 +41,7 @@ from gibench.techniques.srp.bake.sampling import (
 )
 from gibench.techniques.srp.bake.scratch import Clock, Scratch
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
+from gibench.techniques.srp.bake.sky import settle_sky
 from gibench.techniques.srp.bake.visibility import UNDECIDED, VisibilityTables, no_tables
 from gibench.techniques.srp.bake.weights import Nearby, nearby
 
@@ -341,11 +342,15 @@ class TransportWorker:
             writes("visible", visible),
         )
         states = self._scratch.fetch(visible, (len(pairs.probe), stride), np.uint8)
+        if baker.probes.sky:
+            shape = count, stride
+            sky = len(baker.probes) - 1
+            settle_sky(states, pairs, sky, found.triangle.reshape(shape), directions)
         now = clock.add("decide", now, states.size)
         traced = self._resolve(states, pairs, found.triangle)
         now = clock.add("visibility rays", now, traced)
 
-        if traced:
+        if traced or baker.probes.sky:
             self.device.write_bytes(visible, states)
         return np.asarray(states)
 

@@ -44,9 +44,11 @@ def spatial_weight(t: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def nearby(positions: Floats, probes: ProbeSet) -> Nearby:
-    """The probes of positive weight at receiver ``positions`` (m, 3)."""
+    """The probes of positive weight at receiver ``positions`` (m, 3); the sky is one of any."""
     between = positions.astype(np.float64)[:, None] - probes.positions.astype(np.float64)[None]
     weight = spatial_weight(np.linalg.norm(between, axis=2) / probes.radius).astype(np.float32)
+    if probes.sky:
+        weight[:, -1] = 1.0
     receiver, probe = np.nonzero(weight)
     start = np.searchsorted(receiver, np.arange(len(positions) + 1))
     return Nearby(

@@ -1,0 +1,165 @@
+"""Probes placed by what they do to the error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.srp_setups import SETTINGS, bake
+from support.tiny_scenes import room
+
+from gibench.bake.run import BakeReport, run_bake
+from gibench.errors import BadInput
+from gibench.rays.embree import EmbreeTracer
+from gibench.techniques.srp.bake import placement, placement_stages
+from gibench.techniques.srp.bake.data import ProbeSet
+from gibench.techniques.srp.bake.placement import (
+    TRIED_STARTS,
+    State,
+    amid,
+    middles,
+    place_by_error,
+)
+from gibench.techniques.srp.bake.settings import SrpBakeSettings
+from gibench.techniques.srp.bake.stages import Given, srp_stages
+from gibench.techniques.srp.bake.trial import Lights, Offer, Trial, make_offers, make_trial
+from gibench.techniques.srp.bake.weights import spatial_weight
+
+PLACES = np.array([[-0.6, 1.5, -0.7], [0.7, 0.4, 0.8], [0.0, 1.7, 0.1]])
+
+
+def trial_of(rng, order=3, relight=128):
+    scene, lightmap = room(4, open_top=True)
+    tracer = EmbreeTracer(scene.corners, threads=1)
+    start = ProbeSet(PLACES.astype(np.float32), 2.5)
+    settings = SrpBakeSettings(sh_order=order, relight_samples=relight)
+    seed = int(rng.integers(1000))
+    trial, lights = make_trial(scene, lightmap, tracer, settings, start, PLACES, seed)
+    given = scene, lightmap, tracer, settings, trial, lights
+    return given, make_offers(*given, PLACES, 2.5, seed)
+
+
+def test_an_offer_is_the_direct_evaluation_in_float64(rng):
+    """Weights by eq. 4.4 of Bennett 2019 where the probe sees the ray's end; radiance by its
+    harmonics in the direction of that end; the state's irradiance by equation 2 of the paper.
+    """
+    (_, _, tracer, _, trial, lights), offers = trial_of(rng)
+    count, rays = trial.valid.shape
+    light = np.zeros((count, rays, lights.sent.shape[1]))
+    total = np.zeros((count, rays))
+    for place, offer in zip(PLACES, offers, strict=True):
+        near = np.linalg.norm(trial.position - place, axis=1)
+        assert np.array_equal(offer.receivers, np.flatnonzero(spatial_weight(near / 2.5) > 0))
+        seen = offer.weight > 0
+        own = offer.receivers
+        assert (trial.valid[own] | ~seen).all()
+        expected = spatial_weight(near[own] / 2.5)[:, None] * seen
+        np.testing.assert_allclose(offer.weight, expected, rtol=1e-6)
+        # A ray to the end meets nothing before it; one that was refused meets something.
+        end = trial.place[own] - place * ~trial.escaped[own][..., None]
+        limit = np.where(trial.escaped[own], np.inf, 0.999).astype(np.float32)
+        rows = np.argwhere(seen)[:: max(1, seen.sum() // 40)]
+        for r, s in rows:
+            hit = tracer.closest(place[None].astype(np.float32), end[r, s][None].astype(np.float32))
+            assert hit.triangle[0] < 0 or hit.distance[0] > limit[r, s] - 2e-3
+        light[own] += offer.weight[..., None] * offer.light.astype(np.float64)
+        total[own] += offer.weight
+    state = State.of(trial, offers)
+    seen = total > 0
+    radiance = light / np.where(seen, total, 1.0)[..., None]
+    found = np.pi * radiance.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[:, None]
+    error = (trial.weight * (found - trial.truth) ** 2).sum(axis=1)
+    np.testing.assert_allclose(state.error, error, rtol=1e-3, atol=1e-9 + 1e-4 * error.max())
+    without = State.of(trial, offers[:2])
+    assert without.with_probe(offers[2]) == pytest.approx(state.error.sum(), rel=1e-3)
+
+
+def test_what_lights_send_along_a_ray(rng):
+    """A lobe of the sky is the squared cosine about its axis; a black end is black."""
+    (_, _, _, _, trial, lights), _ = trial_of(rng)
+    directions = rng.normal(size=(5, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    receiver = np.array([-1, -1, -1, 3, 7])
+    escaped = np.array([True, True, False, False, False])
+    seen = lights.seen(receiver, escaped, directions.astype(np.float32))
+    lobes = np.maximum(directions[:2] @ lights.axis.T, 0) ** 2 * lights.sky
+    np.testing.assert_allclose(seen[:2], lobes, rtol=1e-5, atol=1e-6)
+    assert not seen[2].any()
+    np.testing.assert_array_equal(seen[3:], lights.sent[[3, 7]])
+    assert (trial.truth >= 0).all() and np.isfinite(trial.weight).all()
+
+
+def test_the_search_finds_the_place_that_sees_everything(rng):
+    """Of places whose radiance is wrong by known factors, the true ones win, and the error told is
+    the error left."""
+    receivers, rays, lights = 12, 8, 3
+    truth = rng.uniform(1, 2, (receivers, lights))
+    radiance = np.repeat(truth[:, None] / np.pi, rays, axis=1)
+    trial = Trial(
+        rng.random((receivers, 3)),
+        np.full((receivers, lights), 1.0 / (receivers * lights)),
+        np.zeros((receivers, rays, 3), np.float32),
+        np.zeros((receivers, rays, 4), np.float32),
+        np.zeros((receivers, rays), np.bool_),
+        np.ones((receivers, rays), np.bool_),
+        truth,
+    )
+    every = np.arange(receivers, dtype=np.int32)
+    factors = rng.permutation([1.0, 1.0, *rng.uniform(1.5, 3.0, 10)])
+    weight = np.ones((receivers, rays), np.float32)
+    offers = [Offer(every, weight, (f * radiance).astype(np.float16)) for f in factors]
+    places = rng.random((12, 3))
+    wrong = np.flatnonzero(factors > 1)[:2].astype(np.int32)
+    chosen, told = place_by_error(trial, offers, places, wrong, seed=3)
+    assert np.array_equal(chosen, np.flatnonzero(factors == 1))
+    assert told[0] > 0.4 and told[-1] < 2e-3
+
+
+def test_amid_open_space_probes_lie_like_a_lattice(rng, monkeypatch):
+    """In a cube 8 probes near its middle go to the middles of its eighths, and of sets from random
+    starts the ones that are tried lie no farther from all."""
+    places = np.stack(np.meshgrid(*[np.linspace(-1, 1, 11)] * 3), axis=-1).reshape(-1, 3)
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3), axis=-1).reshape(-1, 3)
+    start = 0.4 * corners + rng.uniform(-0.05, 0.05, corners.shape)
+    found, spread = amid(start, places)
+    np.testing.assert_allclose(found, corners, atol=0.15)
+    assert spread == pytest.approx(3 * 0.5**2 / 3, rel=0.3)
+    monkeypatch.setattr(placement, "STARTS", 8)
+    sets = middles(start, places, rng)
+    assert len(sets) == 1 + TRIED_STARTS and all(own.shape == (8, 3) for own in sets)
+
+
+def test_lights_leave_no_place_black_and_come_again(rng):
+    (scene, lightmap, tracer, settings, trial, lights), _ = trial_of(rng)
+    assert isinstance(lights, Lights)
+    assert (lights.sent >= 0).all() and (lights.sent.max(axis=0) > 0).sum() > 20
+    assert trial.truth.max(axis=0).all()
+    again, _ = make_trial(
+        scene, lightmap, tracer, settings, ProbeSet(PLACES.astype(np.float32), 2.5), PLACES, 5
+    )
+    twice, _ = make_trial(
+        scene, lightmap, tracer, settings, ProbeSet(PLACES.astype(np.float32), 2.5), PLACES, 5
+    )
+    assert np.array_equal(again.truth, twice.truth)
+
+
+def test_a_bake_places_by_error_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
+    monkeypatch.setattr(placement_stages, "PLACES", 3)
+    monkeypatch.setattr(placement_stages, "FREE", 40)
+    monkeypatch.setattr(placement, "STARTS", 8)
+    report = BakeReport()
+    made = bake(tmp_path, report, placement="error")
+    published = bake(tmp_path)
+    assert len(made.probes) == len(published.probes) == 6
+    assert not np.array_equal(made.probes.positions, published.probes.positions)
+    assert made.usable_share >= published.usable_share - 0.01
+    assert report.stages["srp-offers"].baked == placement_stages.UNITS
+    scene, lightmap = room(5)
+    stages = srp_stages(Given(scene, lightmap, SrpBakeSettings(**SETTINGS, placement="error")))
+    names = [stage.name for stage in stages]
+    assert names[:3] == ["srp-probes", "srp-offers", "srp-placement"]
+    assert not list(tmp_path.glob("srp-offers*/places-*"))  # of no use afterwards
+    again = BakeReport()
+    run_bake(stages, tmp_path, report=again)
+    assert all(not stage.baked for name, stage in again.stages.items() if name != "srp-bake")
+    with pytest.raises(BadInput, match="placement is 'best'"):
+        SrpBakeSettings(placement="best")
