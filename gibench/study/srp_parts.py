@@ -33,7 +33,8 @@ from gibench.techniques.srp.bake.relight import relight_samples, texels_of_hits
 from gibench.techniques.srp.bake.sampling import triangle_planes
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.stages import Given, srp_stages
-from gibench.techniques.srp.bake.transport import TransportBaker, TransportRows
+from gibench.techniques.srp.bake.transport import TransportBaker
+from gibench.techniques.srp.bake.transport_rows import TransportRows
 from gibench.techniques.srp.bake.visibility import visibility_tables
 from gibench.techniques.srp.bake.weights import nearby
 

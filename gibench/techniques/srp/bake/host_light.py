@@ -17,7 +17,7 @@ from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Environment
 from gibench.techniques.srp.bake.data import Cluster, RelightSamples
 from gibench.techniques.srp.bake.relight import ESCAPED
-from gibench.techniques.srp.bake.transport import TransportRows
+from gibench.techniques.srp.bake.transport_rows import TransportRows
 
 # Bounces until the rest is lost in float32: at an albedo of 0.9 the last is 1e-6 of the first.
 MOST_BOUNCES = 128

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib.resources.abc import Traversable
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +42,7 @@ from gibench.techniques.srp.bake.sampling import (
 from gibench.techniques.srp.bake.scratch import Clock, Scratch
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.sky import settle_sky
+from gibench.techniques.srp.bake.transport_rows import PrimaryRays, TransportRows
 from gibench.techniques.srp.bake.visibility import UNDECIDED, VisibilityTables, no_tables
 from gibench.techniques.srp.bake.weights import Nearby, nearby
 
@@ -49,29 +50,6 @@ from gibench.techniques.srp.bake.weights import Nearby, nearby
 BLOCK = 64
 # Primary rays that a worker traces at once.
 CHUNK_RAYS = 1 << 19
-
-
-class TransportRows(NamedTuple):
-    """Uncompressed transport of m receivers.
-
-    Attributes:
-        probes: (k,) int32 probes any of them uses, ascending.
-        matrix: (m * components, k * c) float32: alpha_ij of the probes' blocks of c coefficients,
-            a receiver's components one after the other.
-        valid: (m,) int32 valid samples of each receiver; 0 where no probe can be used, or where so
-            few are valid that the receiver is left dark (``least_valid``).
-    """
-
-    probes: Ints
-    matrix: Floats
-    valid: Ints
-
-
-class PrimaryRays(NamedTuple):
-    """The primary rays of m receivers, s each: (m, s, 3) float32 origins and directions."""
-
-    origins: Floats
-    directions: Floats
 
 
 class TransportBaker:
