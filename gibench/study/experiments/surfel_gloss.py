@@ -145,7 +145,7 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
         (
             "The lobe's light alone, without the diffuse one's: over the floor against a "
             "path-traced truth of the same lobe. Nothing in four bands is as narrow as cos^20: "
-            "they keep 1, 0.95, 0.87 and 0.76 of its own, and nothing beyond. A lamp seen beside the "
+            "they keep 1, 0.95, 0.87 and 0.76 of its own, and nothing beyond. A lamp beside the "
             "mirrored direction is smeared into it, by more bands the brighter.",
             markdown(ok[shown], {**FORMATS, "rel_l2_noise": ".2%"}),
             "![gloss](surfel-gloss.png)",
