@@ -13,8 +13,8 @@ from math import pi
 import numpy as np
 
 from gibench.arrays import Doubles, Floats, Ints
+from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Lightmap
-from gibench.scene.model import Environment
 from gibench.techniques.srp.bake.data import Cluster, RelightSamples
 from gibench.techniques.srp.bake.relight import ESCAPED
 from gibench.techniques.srp.bake.transport_rows import TransportRows
