@@ -6,8 +6,9 @@
 ``record`` runs every technique, as published and tuned in both layouts, for ``FRAMES`` frames of
 the Cornell Box on one device and keeps the last frame's image and irradiance. What is baked is
 baked by whoever records first and read by the others: it is frames that are compared.
-``compare`` prints a Markdown table: the largest difference of a pixel and of a receiver, over the
-largest value, and the root mean square over that of the values, of every recording from the first.
+``compare`` prints a Markdown table, for every recording against the first: how many pixels differ
+by over ``EDGE`` of the largest value, and the largest difference of the others and of a receiver,
+over the largest value.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ import numpy.typing as npt
 FRAMES = 32
 """The first 24 fill probes and surfels; all of them are run, whatever has settled."""
 DENSE = ("gibs.placement_chance=0.8", "gibs.surfels=4000", "surfel-cache.surfels=4096")
+EDGE = 1e-3
+"""Of the largest value: a pixel further off shows another surface."""
+Recorded = dict[str, npt.NDArray[np.float32]]
 SHAPES = (("published", None), ("tuned", "wide"), ("tuned", "simt"))
 
 
@@ -74,20 +78,32 @@ def record(out: Path, device: int, cache: Path) -> None:
 def compare(paths: list[Path]) -> None:
     """Print the table."""
     first, *others = (dict(np.load(path)) for path in paths)
-    names = [path.stem for path in paths[1:]]
-    print(f"| {paths[0].stem} against | " + " | ".join(f"{n} largest | rms" for n in names) + " |")
-    print("|---|" + "--:|--:|" * len(names))
-    for what, values in first.items():
+    heads = (f"{path.stem}: pixels | the others | irradiance" for path in paths[1:])
+    print(f"| {paths[0].stem} against | " + " | ".join(heads) + " |")
+    print("|---|" + "--:|--:|--:|" * len(others))
+    for label in dict.fromkeys(what.rpartition(": ")[0] for what in first):
         cells = []
         for other in others:
-            if what not in other:
-                cells += ["did not run", ""]
+            if f"{label}: irradiance" not in other:
+                cells += ["did not run", "", ""]
                 continue
-            apart = np.abs(other[what].astype(np.float64) - values)
-            largest = apart.max() / max(float(np.abs(values).max()), 1e-30)
-            rms = np.sqrt((apart**2).mean() / max(float((values.astype(float) ** 2).mean()), 1e-30))
-            cells += [f"{largest:.1e}", f"{rms:.1e}"]
-        print(f"| {what} | " + " | ".join(cells) + " |")
+            pixel = apart(first, other, f"{label}: image").max(axis=2)
+            near = pixel[pixel <= EDGE].max(initial=0.0)
+            light = float(apart(first, other, f"{label}: irradiance").max())
+            cells += [str(int((pixel > EDGE).sum())), told(float(near)), told(light)]
+        print(f"| {label} | " + " | ".join(cells) + " |")
+
+
+def apart(first: Recorded, other: Recorded, what: str) -> npt.NDArray[np.float64]:
+    """Absolute differences over the largest value."""
+    values = first[what].astype(np.float64)
+    most = max(float(np.abs(values).max()), 1e-30)
+    return np.asarray(np.abs(other[what] - values) / most)
+
+
+def told(difference: float) -> str:
+    """A difference for the table."""
+    return f"{difference:.0e}" if difference else "same"
 
 
 def main() -> int:
