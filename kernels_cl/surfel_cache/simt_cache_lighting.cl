@@ -1,7 +1,7 @@
 // The caches' light from their links where work-items run in lockstep: a group for each cache, whose
 // work-items are its links, so that neighbours read neighbouring halves. Each keeps the sums of its
-// links; the group adds them up in local memory, a coefficient at a time. Links lie as for
-// tuned_cache_lighting.cl. Macros: those of links.cl.
+// links; the group adds them up in local memory. Links lie as for tuned_cache_lighting.cl. Macros: those
+// of links.cl.
 #include "surfel_cache/caps.cl"
 #include "surfel_cache/links.cl"
 
@@ -12,7 +12,8 @@ inline float half_bits(ushort bits)
     return as_float((((int)(short)bits) << 13) & (int)0x8fffe000) * 0x1p112f;
 }
 
-// cache_lighting: one work-group per cache, the first of them `first`; partial: 3 floats a work-item.
+// cache_lighting: one work-group per cache, the first of them `first`; partial: COEFFICIENTS
+// rows of 3 x (1 + work-items) floats.
 __kernel void cache_lighting(__global const uint *node_flux, LINK_PARAMS,
                              ENVIRONMENT_LIGHT_PARAM __global const int *cache_place, int first,
                              int count, float unscale, __global ushort *caches,
@@ -42,24 +43,26 @@ __kernel void cache_lighting(__global const uint *node_flux, LINK_PARAMS,
             sum[j] += flux * y[j];
 #endif
     }
+    // A row for each coefficient and channel, one float longer than the group, so that work-items that
+    // go along neighbouring rows meet in no bank.
+    const int stride = lanes + 1;
 #pragma unroll
     for (int j = 0; j < COEFFICIENTS; ++j) {
-        partial[lane] = sum[j].x;
-        partial[lanes + lane] = sum[j].y;
-        partial[2 * lanes + lane] = sum[j].z;
-        barrier(CLK_LOCAL_MEM_FENCE);
-        for (int left = lanes; left > 1;) {
-            const int kept = (left + 1) / 2;
-            if (lane + kept < left)
-                for (int c = 0; c < 3; ++c)
-                    partial[c * lanes + lane] += partial[c * lanes + lane + kept];
-            barrier(CLK_LOCAL_MEM_FENCE);
-            left = kept;
-        }
-        // Only the first work-item's own numbers: the others may go on.
-        if (lane == 0) {
-            const float3 all = (float3)(partial[0], partial[lanes], partial[2 * lanes]);
-            STORE_CACHE(j, all);
-        }
+        partial[3 * j * stride + lane] = sum[j].x;
+        partial[(3 * j + 1) * stride + lane] = sum[j].y;
+        partial[(3 * j + 2) * stride + lane] = sum[j].z;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int row = lane; row < 3 * COEFFICIENTS; row += lanes) {
+        float all = 0.0f;
+        for (int i = 0; i < lanes; ++i)
+            all += partial[row * stride + i];
+        partial[row * stride] = all;
+    }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    for (int j = lane; j < COEFFICIENTS; j += lanes) {
+        const float3 all = (float3)(partial[3 * j * stride], partial[(3 * j + 1) * stride],
+                                    partial[(3 * j + 2) * stride]);
+        STORE_CACHE(j, all);
     }
 }

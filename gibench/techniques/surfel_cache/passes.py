@@ -282,8 +282,10 @@ class FramePasses:
         )
         if not self.simt:
             return [Launch(program, "cache_lighting", args, items=count)]
-        size = self.workgroup_size
-        sums = local("partial", 12 * size)
+        size, row = self.workgroup_size, 12 * s.coefficients
+        while size > 1 and row * (size + 1) > self.device.profile.local_memory_bytes:
+            size //= 2
+        sums = local("partial", row * (size + 1))
         kernel = "cache_lighting"
         return [Launch(program, kernel, (*args, sums), groups=count, workgroup_size=size)]
 
