@@ -137,7 +137,7 @@ def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path) -> None
     for executor in (Serial(), Posted()):
         out = tmp_path / type(executor).__name__
         ran = gibench.run(
-            technique=["gibs", "srp"], sh_order=[0, 1], frames=2, warmup=0, save_images=True,
+            technique=["direct", "srp"], sh_order=[0, 1], frames=2, warmup=0, save_images=True,
             quality=False, out=out / "run", executor=executor, **small, **BAKE,
         )  # fmt: skip
         found["run"].append(ran.samples.drop(columns=["time_ms", "frame_wall_ms"]))

@@ -10,7 +10,7 @@ from support.tiny_scenes import room
 from gibench.bake.run import run_bake
 from gibench.errors import BadInput
 from gibench.rays.embree import EmbreeTracer
-from gibench.scene.model import Environment
+from gibench.scene.environment import Environment
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.host_light import from_clusters, probe_radiance
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
