@@ -140,7 +140,7 @@ def advise(
 
         show_advice(result.table, result.lifted, result.profile, result.limits, result.cpu)
         if result.projected is not None:
-            from gibench.report.projection import show_ranking
+            from gibench.report.projected_terminal import show_ranking
 
             show_ranking(result.projected)
         typer.echo(f"see {result.folder}")

@@ -28,7 +28,7 @@ def project(
       gibench project results/runs/20260101T120000Z-iphone7 -d titan-x-pascal -d iphone7
     """
     from gibench.commands.project import project as projected
-    from gibench.report.projection import show_projection
+    from gibench.report.projected_terminal import show_projection
 
     tell = (lambda _: None) if quiet else (lambda text: typer.echo(text, err=True))
     result = projected(run, device_profile, cache_dir, tell)

@@ -192,7 +192,7 @@ def run(
 
         show_run(result.passes, result.frames, result.record)
         if result.projected is not None:
-            from gibench.report.projection import show_projection
+            from gibench.report.projected_terminal import show_projection
 
             show_projection(result.projected)
         show_answers(result.answers)

@@ -21,7 +21,7 @@ from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.report.advice import advice_report, plot_advice
 from gibench.report.limits import LEAK, Limit, lifted, read_limits
-from gibench.report.projection import PROJECTED, ranking_section
+from gibench.report.projected import PROJECTED, ranking_section
 from gibench.report.tables import csv_text
 from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
 from gibench.study.quality import check_views, compare, group_of

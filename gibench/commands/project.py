@@ -23,7 +23,7 @@ from gibench.measure.session.shared import Shared
 from gibench.profiles import MACHINE_FIGURES, DeviceProfile, Machine
 from gibench.project.model import Times, launch_times
 from gibench.project.ranges import UNKNOWN, Total, range_of, ratio, together
-from gibench.report.projection import COLUMNS, PROJECTED, RANKED, WHOLE_FRAME, WHOLE_GI
+from gibench.report.projected import COLUMNS, PROJECTED, RANKED, WHOLE_FRAME, WHOLE_GI
 from gibench.report.tables import csv_text
 from gibench.techniques.job import Job
 from gibench.techniques.technique import GI

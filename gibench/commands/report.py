@@ -12,7 +12,7 @@ from gibench.measure.runfolder.folder import write_atomically
 from gibench.report.loaded import QUALITY, LoadedRun, answers_of, load_quality, load_run
 from gibench.report.markdown import report as markdown
 from gibench.report.page import page
-from gibench.report.projection import projected_section
+from gibench.report.projected import projected_section
 
 
 def _markdown(run: LoadedRun) -> str:

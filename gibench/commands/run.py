@@ -28,7 +28,7 @@ from gibench.measure.statistics.summary import REAL_TIME_MS
 from gibench.profiles import DeviceProfile
 from gibench.report.images import ImageWriter
 from gibench.report.loaded import ERRORS, answers_of
-from gibench.report.projection import PROJECTED
+from gibench.report.projected import PROJECTED
 from gibench.report.tables import csv_text
 from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budgets
 from gibench.study.run_errors import measurable, run_errors

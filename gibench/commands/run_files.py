@@ -11,7 +11,7 @@ import pandas as pd
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder
 from gibench.report.loaded import answers_of, projected_in
 from gibench.report.markdown import report
-from gibench.report.projection import projected_section
+from gibench.report.projected import projected_section
 from gibench.report.roofline import write_roofline
 from gibench.report.tables import csv_text, frames_table, passes_table
 

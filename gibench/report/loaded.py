@@ -11,7 +11,7 @@ import pandas as pd
 
 from gibench.errors import BadInput
 from gibench.measure.runfolder.stored_run import read_run
-from gibench.report.projection import PROJECTED
+from gibench.report.projected import PROJECTED
 from gibench.report.tables import frames_table, passes_table
 from gibench.report.which_one import Answer, Budgets, answers
 

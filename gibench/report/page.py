@@ -21,7 +21,7 @@ from gibench.report.faults import profile_of, profiled
 from gibench.report.loaded import LoadedQuality, LoadedRun, answers_of
 from gibench.report.markdown import report as markdown_report
 from gibench.report.plots import pass_colors, technique_colors
-from gibench.report.projection import WARNING, WHOLE_FRAME, WHOLE_GI, range_text
+from gibench.report.projected import WARNING, WHOLE_FRAME, WHOLE_GI, range_text
 from gibench.report.tables import run_roofs
 from gibench.report.which_one import NUMBERS, Answer, cells, headings
 

@@ -14,7 +14,7 @@ import pandas as pd
 
 from gibench.measure.runfolder.results import OK
 from gibench.measure.statistics.summary import REAL_TIME_MS
-from gibench.report.projection import WHOLE_GI, range_text
+from gibench.report.projected import WHOLE_GI, range_text
 from gibench.techniques.registry import axis_title
 
 GI_BUDGET_MS = 3.0

@@ -16,7 +16,7 @@ from gibench.errors import GibenchError
 from gibench.profiles import built_in_profiles, load_profile
 from gibench.project.ranges import Total
 from gibench.project.unknowns import POINTS
-from gibench.report.projection import COLUMNS, RANKED, projected_section, ranking_section
+from gibench.report.projected import COLUMNS, RANKED, projected_section, ranking_section
 from gibench.trace import extra
 
 SMALL = ("-t", "direct", "--resolution", "48x32", "-n", "2", "-w", "64", "--quiet")

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from gibench.report.projection import WHOLE_FRAME, WHOLE_GI
+from gibench.report.projected import WHOLE_FRAME, WHOLE_GI
 from gibench.report.which_one import PROJECTED_GI, Answer, Budgets, answers, cells, headings, shown
 
 NAN = float("nan")
