@@ -74,8 +74,12 @@ def vector_width(cl_device: Any) -> int:
 
 
 def preferred_layout(cl_device: Any) -> Layout:
-    """What suits a device: ``wide`` where it prefers explicit vectors of 4 floats and more."""
-    return WIDE if vector_width(cl_device) >= LEAST_WIDE else SIMT
+    """What suits a device: ``wide`` where it prefers explicit vectors of 4 floats and more, or has
+    registers that hold them (Intel's runtime for CPUs, which would rather vectorise over
+    work-items, runs ``wide`` faster all the same: docs/layouts.md).
+    """
+    native = int(cl_device.native_vector_width_float)
+    return WIDE if max(vector_width(cl_device), native) >= LEAST_WIDE else SIMT
 
 
 def width_of(cl_device: Any, layout: Layout) -> int:

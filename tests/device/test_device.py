@@ -216,7 +216,7 @@ class _Prefers:
 
 def test_a_layout_is_what_the_device_prefers_or_what_is_asked() -> None:
     """A GPU and Intel's runtime prefer 1 (the latter's registers hold 16), PoCL 8 or 16."""
-    for preferred, native, layout, wide in ((1, 1, SIMT, 4), (1, 16, SIMT, 16), (8, 8, WIDE, 8)):
+    for preferred, native, layout, wide in ((1, 1, SIMT, 4), (1, 16, WIDE, 16), (8, 8, WIDE, 8)):
         made_up = _Prefers(preferred, native)
         assert preferred_layout(made_up) == layout
         assert (width_of(made_up, SIMT), width_of(made_up, WIDE)) == (1, wide)
