@@ -31,10 +31,8 @@ QUICK_ERROR = 0.05
 """Mean standard error of the truth over its mean. What noise adds to an error is taken off it."""
 RECEIVERS = 4096
 """Drawn from all, each as likely as any: 1 of 64 of an error's own size is left to chance."""
-SETTLE = SettleOptions(frames=512, tolerance=0.01, seconds=45.0)
-"""Light that a technique averages over frames comes as near again in the next doubling: what moved
-by 1 % is about 1 % from where it ends, as much as the truth's noise leaves open of an error.
-"""
+SETTLE = SettleOptions(frames=1024, seconds=90.0)
+"""As ``quality`` settles it, but no longer than a first run can bear."""
 SMALL_IMAGE = (160, 90)
 """Pixels: for a technique whose light the camera has no part in."""
 
