@@ -97,6 +97,17 @@ def run(
             rich_help_panel=options.OUTPUT,
         ),
     ] = True,
+    settle_seconds: Annotated[
+        float,
+        typer.Option(
+            "--settle-seconds",
+            min=0,
+            metavar="S",
+            help="Seconds of frames at most that a technique may take to settle for that. What it "
+            "settles on is cached, and profiles share it.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = 90.0,
     budget_ms: Annotated[
         float,
         typer.Option("--budget-ms", metavar="MS", help="What a frame may take."),
@@ -178,6 +189,7 @@ def run(
             save_images=save_images,
             project=project,
             quality=quality,
+            settle_seconds=settle_seconds,
             budget_ms=budget_ms,
             gi_budget_ms=gi_budget_ms,
             shard=shard,

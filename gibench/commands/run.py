@@ -31,7 +31,7 @@ from gibench.report.loaded import ERRORS, answers_of
 from gibench.report.projected import PROJECTED
 from gibench.report.tables import csv_text
 from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budgets
-from gibench.study.run_errors import measurable, run_errors
+from gibench.study.run_errors import SETTLE_SECONDS, measurable, run_errors
 from gibench.study.site import Site
 from gibench.techniques.job import Job
 from gibench.techniques.registry import find_technique, techniques
@@ -102,6 +102,7 @@ def run(
     save_images: bool = False,
     project: asked.Texts = (),
     quality: bool = True,
+    settle_seconds: float = SETTLE_SECONDS,
     budget_ms: float = REAL_TIME_MS,
     gi_budget_ms: float = GI_BUDGET_MS,
     shard: str | None = None,
@@ -129,7 +130,8 @@ def run(
     if technique is None:
         given["technique"] = tuple(techniques())
     arguments = asked.recorded(
-        given, "warmup", "warmup_frames", "warmup_seconds", "cold", "fit", "save_images", "quality"
+        *(given, "warmup", "warmup_frames", "warmup_seconds", "cold", "fit", "save_images"),
+        *("quality", "settle_seconds"),
     )
     arguments["budgets"] = asdict(budgets)
     arguments["motion"] = printable(Path(motion).name)
@@ -169,7 +171,7 @@ def run(
     compared = measurable([(one.number, one.job) for one in results if _competes(one)])
     if quality and compared and not measured.outcome.ended:
         site = Site(shared.cache_dir, seed, device, executor)
-        interrupted = not _keep_errors(folder, compared, site)
+        interrupted = not _keep_errors(folder, compared, site, settle_seconds)
         write_tables(folder, measured.record)
     result = _result(folder.path, measured, left_out, interrupted)
     if not projected_on or not result.ran or measured.outcome.interrupted:
@@ -288,10 +290,12 @@ def _competes(result: JobResult) -> bool:
     return gi and result.frames > 0 and result.status == OK
 
 
-def _keep_errors(folder: RunFolder, jobs: Sequence[tuple[int, Job]], site: Site) -> bool:
+def _keep_errors(
+    folder: RunFolder, jobs: Sequence[tuple[int, Job]], site: Site, seconds: float
+) -> bool:
     """Measure errors and write ``errors.csv``; whether nobody interrupted that."""
     try:
-        rows = run_errors(jobs, site, Worker())
+        rows = run_errors(jobs, site, Worker(), seconds)
     except KeyboardInterrupt:
         return False
     except GibenchError as error:

@@ -75,7 +75,7 @@ const worth = cell => cell !== null && typeof cell === "object" ? cell.value : c
 
 function table(place, { columns, rows }, hidden = []) {
   const filled = columns.map((_, i) => hidden.includes(i) ? false
-    : i < 2 ? i > 0 || many : rows.some(r => worth(r[i]) !== null && (r[i].text ?? r[i]) !== ""));
+    : i < 2 ? i > 0 || many : rows.some(r => !["", null].includes(r[i]?.text ?? worth(r[i]))));
   const head = element("tr"), body = element("tbody");
   let by = -1, up = true;
   const draw = sorted => {
@@ -86,7 +86,8 @@ function table(place, { columns, rows }, hidden = []) {
         const text = value === null ? "" : value.text ?? (number ? figure(value)
           : typeof value === "boolean" ? (value ? "yes" : "no") : value);
         const shown = number && / ms$/.test(columns[i]) ? toSamples(row[0], row[1], text) : text;
-        const kind = /^PROJECTED/.test(columns[i]) ? "guess" : number ? "n" : i === 1 ? "name" : "";
+        const kind = /^PROJECTED/.test(columns[i]) ? "guess" : number || text === "-" ? "n"
+          : i === 1 ? "name" : "";
         return filled[i] ? element("td", kind ? { class: kind } : {}, shown) : "";
       }));
     }));

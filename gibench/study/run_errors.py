@@ -2,6 +2,7 @@
 
 As ``gibench quality`` finds them, but quicker: the truth is known to 5 % at some thousand of the
 receivers, and a technique has some seconds to settle. ``quality`` is for figures to publish.
+Profiles share what a technique settles on (:mod:`gibench.study.kept_light`).
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from gibench.reference import metrics
 from gibench.reference.path_tracer import reference_irradiance
 from gibench.scene.lightmap import Lightmap, some_receivers
 from gibench.study.hidden import open_receivers
-from gibench.study.settle import SettleOptions, settle
+from gibench.study.kept_light import settled_light
+from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
 from gibench.techniques.job import Job
 from gibench.techniques.registry import Wakes, find_technique
@@ -31,7 +33,8 @@ QUICK_ERROR = 0.05
 """Mean standard error of the truth over its mean. What noise adds to an error is taken off it."""
 RECEIVERS = 4096
 """Drawn from all, each as likely as any: 1 of 64 of an error's own size is left to chance."""
-SETTLE = SettleOptions(frames=1024, seconds=90.0)
+SETTLE = SettleOptions(frames=1024)
+SETTLE_SECONDS = 90.0
 """As ``quality`` settles it, but no longer than a first run can bear."""
 SMALL_IMAGE = (160, 90)
 """Pixels: for a technique whose light the camera has no part in."""
@@ -57,7 +60,9 @@ class QuickTruth:
     open: npt.NDArray[np.bool_]
 
 
-def run_errors(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> list[dict[str, Any]]:
+def run_errors(
+    jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker, seconds: float = SETTLE_SECONDS
+) -> list[dict[str, Any]]:
     """A row each of :data:`gibench.report.which_one.ERROR_COLUMNS`.
 
     Args:
@@ -65,25 +70,27 @@ def run_errors(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> l
             stand still here.
         site: where they run.
         worker: who runs them.
+        seconds: of frames at most that each may take to settle.
 
     Raises:
         GibenchError: the truth cannot be computed.
     """
-    return list(_rows(jobs, site, worker))
+    return list(_rows(jobs, site, worker, replace(SETTLE, seconds=seconds)))
 
 
-def _rows(jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker) -> Iterator[dict[str, Any]]:
-    shared = site.standing()
+def _rows(
+    jobs: Sequence[tuple[int, Job]], site: Site, worker: Worker, options: SettleOptions
+) -> Iterator[dict[str, Any]]:
     for number, (configuration, job) in enumerate(jobs, 1):
         among = f"{number} of {len(jobs)}"
         try:
-            settled = settle(_quick(job), SETTLE, shared, site.cl_device, worker, among)
+            settled, lightmap = settled_light(_quick(job), options, site, worker, among)
         except GibenchError as error:
             yield {"configuration": configuration, "unsettled": f"not compared: {error}"}
             continue
         truth = site.kept(
             ("quick truth", job.scene, job.receivers),
-            partial(quick_truth, job, settled.lightmap, site),
+            partial(quick_truth, job, lightmap, site),
         )
         still = settled.settled and not settled.unrested
         yield {

@@ -17,6 +17,7 @@ from support.run_folders import entry, record, write_run
 import gibench
 from gibench.cli.main import call
 from gibench.errors import BadInput
+from gibench.report.which_one import ERROR_COLUMNS
 
 PASSES = ["one", "two"]
 BIG = "too </script> big"
@@ -102,6 +103,9 @@ def test_the_page_says_what_the_samples_say(runs: list[Path]) -> None:
 @pytest.mark.slow
 def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
     projected_beside(runs[0])
+    error = {"configuration": 1, "rel_l2": 0.2, "bias": 0.1, "dark_area": 0.0, "uncovered": 0.0}
+    table = pd.DataFrame([error], columns=list(ERROR_COLUMNS))
+    table.to_csv(runs[0] / "errors.csv", index=False)
     page_of([*runs, errors_of(runs[0].parent)])
     ran = subprocess.run(
         [
@@ -120,6 +124,8 @@ def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
     assert ran.stdout.count("<tr") == 2 + 4 + 8 + 2 * (1 + 2) + (1 + 3)
     assert ran.stdout.count('class="bad"') == 2 + 4
     assert 'aria-label="one: ' in ran.stdout
+    # Nowhere dark to leak to is said; that every receiver is covered need not be.
+    assert 'data-title="leak"' in ran.stdout and 'data-title="not covered"' not in ran.stdout
 
 
 def projected_beside(folder: Path) -> Path:

@@ -15,7 +15,6 @@ from gibench.profiles import load_profile
 from gibench.scene.load import load_scene
 from gibench.study.experiments import equal
 from gibench.study.experiments.common import Context, Measuring
-from gibench.study.experiments.kept import Found
 from gibench.study.ladder import nearest, off, search
 from gibench.study.site import Site
 from gibench.techniques.registry import find_technique, steps, techniques
@@ -91,10 +90,10 @@ def error_of(context, job, worker):
     return 4.0 / job.settings.rays**0.3 / job.settings.probes**0.35
 
 
-def figures_of(context, job, worker, image, label):
+def figures_of(context, job, worker):
     row = dict.fromkeys(("rel_l2_noise", "bias", "flip", "memory_bytes"), 0.0)
     error = error_of(context, job, worker)
-    return Found([{**row, "rel_l2": error, "reason": ""}], arrays={label: np.ones((3, 3))})
+    return {**row, "rel_l2": error, "reason": ""}, np.ones((3, 3))
 
 
 @pytest.mark.parametrize(("target", "met"), [(3.0, True), (40.0, True), (1e-3, False)])
@@ -102,7 +101,7 @@ def test_of_settings_at_the_same_cost_the_truest_is_taken(point, monkeypatch, ta
     context, unit = point
     monkeypatch.setattr(equal, "_time_ms", time_of)
     monkeypatch.setattr(equal, "_error_of", error_of)
-    monkeypatch.setattr(equal, "compared", figures_of)
+    monkeypatch.setattr(equal, "_judged", figures_of)
     context = replace(context, target=target)
     (row,) = equal._equal_time(context, unit, Worker()).rows
     assert row["met"] == met
@@ -125,7 +124,7 @@ def test_of_settings_equally_far_off_the_cheapest_is_taken(point, monkeypatch):
     context, unit = point
     monkeypatch.setattr(equal, "_time_ms", time_of)
     monkeypatch.setattr(equal, "_error_of", error_of)
-    monkeypatch.setattr(equal, "compared", figures_of)
+    monkeypatch.setattr(equal, "_judged", figures_of)
     (row,) = equal._equal_error(replace(context, target=0.12), unit, Worker()).rows
     assert row["met"] and off(row["rel_l2"], 0.12) <= math.log(1.1)
     # Probes help more for their cost: the most of them, at the fewest rays.

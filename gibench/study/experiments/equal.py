@@ -23,18 +23,15 @@ from gibench.reference import metrics
 from gibench.report.limits import METRICS
 from gibench.report.plots import Picture
 from gibench.report.which_one import GI_BUDGET_MS
+from gibench.study.errors import errors
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
-from gibench.study.experiments.side_by_side import (
-    compared,
-    result_panel,
-    trace_truth,
-    truth_of,
-)
+from gibench.study.experiments.side_by_side import result_panel, trace_truth, truth_of
+from gibench.study.kept_light import SettledLight, settled_light, within_limits
 from gibench.study.ladder import nearest, off, search
 from gibench.study.quality import group_of
 from gibench.study.quality_rows import settings_in_words
-from gibench.study.settle import settle
+from gibench.study.regions import WHOLE
 from gibench.techniques.job import Job
 from gibench.techniques.registry import TechniqueSpec, find_technique, techniques
 from gibench.techniques.technique import GI
@@ -106,19 +103,29 @@ def _time_ms(context: Context, job: Job, worker: Worker) -> float:
         return float("inf")
 
 
+def _light(context: Context, job: Job, worker: Worker) -> SettledLight:
+    """What it settles on, within its profile; settled once for all searches in a cache folder.
+
+    Raises:
+        CannotRun: it does not fit the profile.
+        GibenchError: a pass failed.
+    """
+    options = context.quality().settle
+    return settled_light(job, options, context.site, worker, within=within_limits(job))[0]
+
+
 def _error_of(context: Context, job: Job, worker: Worker) -> float:
     """Relative L2 error of the settled light; inf where it does not fit the profile.
 
     Raises:
         GibenchError: a pass failed.
     """
-    options, site = context.quality(), context.site
-    truth = group_of(job, options, site).truth
+    truth = group_of(job, context.quality(), context.site).truth
     try:
-        settled = settle(job, options.settle, site.standing(), site.cl_device, worker)
+        light = _light(context, job, worker).irradiance
     except CannotRun:
         return float("inf")
-    return metrics.relative_l2(settled.irradiance, truth.value, truth.stderr, truth.area).value
+    return metrics.relative_l2(light, truth.value, truth.stderr, truth.area).value
 
 
 def _ladders(context: Context, job: Job) -> Iterator[Sequence[Job]]:
@@ -179,17 +186,22 @@ def _searched(
     return found, tried
 
 
-def _row(
-    context: Context, unit: Measuring, worker: Worker, job: Job, label: str
-) -> tuple[dict[str, Any], Doubles]:
+def _judged(context: Context, job: Job, worker: Worker) -> tuple[dict[str, Any], Doubles]:
+    """Errors, memory and remarks of the settled light, and the light (n, 3)."""
+    light = _light(context, job, worker)
+    found = errors(group_of(job, context.quality(), context.site).truth, light.irradiance, {})
+    of = found[WHOLE]
+    row = {name: of[name].value for name in ("rel_l2", "bias", "flip")}
+    row["rel_l2_noise"] = of["rel_l2"].noise
+    return {**row, "memory_bytes": light.memory_bytes, "reason": light.remark()}, light.irradiance
+
+
+def _row(context: Context, worker: Worker, job: Job, label: str) -> tuple[dict[str, Any], Doubles]:
     """All figures of the chosen settings, and their irradiance."""
-    found = compared(context, job, worker, IMAGE, label)
-    row = dict(found.rows[0])
+    row, light = _judged(context, job, worker)
     gi = _time_ms(context, job, worker)
-    kept = {name: row[name] for name in (*_ERRORS, "memory_bytes", "reason")}
-    return {**kept, "settings": settings_in_words(job.settings), "gi_ms": gi, "label": label}, (
-        found.arrays[label]
-    )
+    words = settings_in_words(job.settings)
+    return {**row, "settings": words, "gi_ms": gi, "label": label}, light
 
 
 def _equal(context: Context, unit: Measuring, worker: Worker, *, by_time: bool) -> Found:
@@ -204,7 +216,7 @@ def _equal(context: Context, unit: Measuring, worker: Worker, *, by_time: bool) 
     judge = _error_of if by_time else _time_ms
     others = {id(job): judge(context, job, worker) for job in jobs} if len(jobs) > 1 else {}
     chosen = min(jobs, key=lambda job: others.get(id(job), 0.0))
-    row, light = _row(context, unit, worker, chosen, label)
+    row, light = _row(context, worker, chosen, label)
     row |= {"target": target, "tried": tried, "met": bool(met)}
     return Found([row], arrays={label: light})
 
