@@ -15,6 +15,7 @@ from gibench.measure.plan.grid import grid
 from gibench.profiles import load_profile
 from gibench.study import kept_light, run_errors
 from gibench.study.kept_light import light_key, settled_light, within_limits
+from gibench.study.run_errors import QuickTruth
 from gibench.study.settle import Settled, SettleOptions
 from gibench.study.site import Site
 from gibench.techniques.job import Job, Shot
@@ -105,10 +106,11 @@ def test_profile_and_work_group_size_alone_are_not_in_the_key(site: Site) -> Non
 def test_a_techniques_own_code_is_in_the_key_and_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
     """An edit of DDGI's kernels leaves GIBS' kept light alone; one of a part all depend on."""
     true = kept_light._sources
-    edited = ""
+    edited, seen = "", set()
 
     def sources(folder: Any, without: set[str], prefix: str = "") -> Any:
         for name, content in true(folder, without, prefix):
+            seen.add(name)
             yield name, content + b"//" if name == edited else content
 
     monkeypatch.setattr(kept_light, "_sources", sources)
@@ -119,12 +121,13 @@ def test_a_techniques_own_code_is_in_the_key_and_no_others(monkeypatch: pytest.M
 
     before = codes()
     for edited, changed in (
-        ("ddgi/blending.cl", [True, False]),
+        ("ddgi/application.cl", [True, False]),
         ("gibs/settings.py", [False, True]),
         ("common/bvh.cl", [True, True]),
         ("parts/surfels.py", [True, True]),
     ):
         assert [a != b for a, b in zip(before, codes(), strict=True)] == changed, edited
+        assert edited in seen
     kept_light._code.cache_clear()
 
 
@@ -170,10 +173,16 @@ def test_what_a_clock_ended_is_not_kept_for_the_next_run(
 
 
 def test_profiles_share_errors_and_other_settings_do_not(
-    site: Site, planted: Callable[..., Settler], monkeypatch: pytest.MonkeyPatch
+    site: Site,
+    planted: Callable[..., Settler],
+    monkeypatch: pytest.MonkeyPatch,
+    rng: np.random.Generator,
 ) -> None:
     settler = planted()
-    monkeypatch.setattr(run_errors, "QUICK_ERROR", 1.0)
+    value = rng.uniform(0.5, 1, (20, 3))
+    everywhere = np.ones(20, np.bool_)
+    truth = QuickTruth(np.arange(20), value, 0.01 * value, np.ones(20), everywhere)
+    monkeypatch.setattr(run_errors, "quick_truth", lambda *given: truth)
     mine = job_for()
     more = replace(mine, settings=replace(mine.settings, rays=mine.settings.rays + 1))
     jobs = [mine, job_for("vega56"), more, job_for("radeon560")]
