@@ -70,6 +70,15 @@ def experiment(
             "error of equal-error (0.2).",
         ),
     ] = None,
+    errors_from: Annotated[
+        Path | None,
+        typer.Option(
+            "--errors-from",
+            metavar="DIR",
+            help="Folder of an earlier run of the same experiment whose errors are taken, so that "
+            "only times are measured; points that it lacks are measured whole.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -133,6 +142,7 @@ def experiment(
             warmup_seconds=warmup_seconds,
             resolution=resolution,
             target=target,
+            errors_from=errors_from,
             shard=shard,
             out=out,
             seed=seed,

@@ -19,6 +19,7 @@ from gibench.reference.path_tracer import check_paths
 from gibench.study.experiments import find_experiment
 from gibench.study.experiments.common import Context, Experiment
 from gibench.study.experiments.running import points_left, run_experiment, shard_record
+from gibench.study.experiments.taken import read_errors
 from gibench.study.quality import check_target_error
 from gibench.study.site import Site
 from gibench.study.where import timed_where
@@ -50,6 +51,7 @@ def experiment(
     warmup_seconds: float = 180.0,
     resolution: str | None = None,
     target: float | None = None,
+    errors_from: str | Path | None = None,
     shard: str | None = None,
     out: str | Path | None = None,
     seed: int = 0,
@@ -90,6 +92,11 @@ def experiment(
         "target": target,
         "seed": seed,
     }
+    taken = None
+    if errors_from is not None:
+        before = Path(errors_from)
+        taken = read_errors(before, chosen.name, chosen.keys, chosen.errors, arguments)
+        arguments["errors_from"] = before.name
     context = Context(
         profiles=tuple(profiles),
         site=Site(cache, seed, device, executor),
@@ -101,6 +108,7 @@ def experiment(
         target_error=target_error,
         reference_paths=reference_paths,
         target=target,
+        taken=taken,
     )
     part = Shard.parse(shard)
     if part is not None:

@@ -89,13 +89,17 @@ def reference_lobe(
     height: int,
     exponent: float,
     *,
+    half_vector: bool = False,
     frame: int = 0,
     paths: int = 256,
     seed: int = 1,
 ) -> Reference:
-    """A path-traced image of indirect light under a lobe cos^n about the mirrored direction, of
-    volume one, whatever the materials (Jendersie et al. 2016, section 3.2); nothing comes from
-    below a surface.
+    """A path-traced image of indirect light under a lobe cos^n of volume one, whatever the
+    materials (Jendersie et al. 2016, section 3.2); nothing comes from below a surface.
+
+    n is Phong's, of the angle between what comes in and the mirrored direction, or Blinn's, of the
+    angle between the normal and the half vector. Half vectors turn half as much: n of Blinn's is
+    about as wide as n / 4 of Phong's.
 
     Args:
         scene: the scene.
@@ -103,6 +107,7 @@ def reference_lobe(
         width: pixels.
         height: pixels.
         exponent: n.
+        half_vector: whether it is Blinn's (1977) n, else Phong's (1975).
         frame: the lights are where they are in this frame.
         paths: per pixel, rounded up to whole rounds.
         seed: of the randomisation.
@@ -114,7 +119,7 @@ def reference_lobe(
         BadInput: too few paths, or a camera that makes no image.
         CannotRun: there is no OpenCL runtime for the CPU.
     """
-    scatter = partial(_in_lobe, exponent=exponent)
+    scatter = partial(_about_half if half_vector else _in_lobe, exponent=exponent)
     return _reflected(scene, camera, width, height, scatter, frame, paths, seed)
 
 
@@ -244,19 +249,39 @@ def _scattered(seen: _Seen, rng: np.random.Generator) -> tuple[Doubles, Doubles]
 
 def _in_lobe(seen: _Seen, rng: np.random.Generator, exponent: float) -> tuple[Doubles, Doubles]:
     """Directions (n, 3) by cos^n about the mirrored ones, and 1 (n, 1) above the surface."""
-    turn, cosine = 2 * np.pi * rng.random(len(seen.alpha)), rng.random(len(seen.alpha))
-    cosine = cosine ** (1 / (exponent + 1))
-    across = np.sqrt(np.maximum(1 - cosine**2, 0))
     n_v = np.einsum("nx,nx->n", seen.normal, seen.view)
     mirrored = 2 * n_v[:, None] * seen.normal - seen.view
-    tangent = _unit(np.cross(mirrored, np.eye(3)[np.abs(mirrored).argmin(axis=1)]))
-    directions = (
+    directions = _by_power(mirrored, rng, exponent)
+    return directions, _above(seen, directions)
+
+
+def _about_half(seen: _Seen, rng: np.random.Generator, exponent: float) -> tuple[Doubles, Doubles]:
+    """Directions (n, 3) mirrored at half vectors that are drawn by cos^n about the normal, and 1
+    (n, 1) above the surface.
+    """
+    half = _by_power(seen.normal, rng, exponent)
+    v_h = np.einsum("nx,nx->n", seen.view, half)
+    directions = 2 * v_h[:, None] * half - seen.view
+    return directions, _above(seen, directions) * (v_h > 0)[:, None]
+
+
+def _by_power(axes: Doubles, rng: np.random.Generator, exponent: float) -> Doubles:
+    """Directions (n, 3) by (n + 1) / (2 pi) cos^n of the angle to unit ``axes`` (n, 3)."""
+    turn, cosine = 2 * np.pi * rng.random(len(axes)), rng.random(len(axes))
+    cosine = cosine ** (1 / (exponent + 1))
+    across = np.sqrt(np.maximum(1 - cosine**2, 0))
+    tangent = _unit(np.cross(axes, np.eye(3)[np.abs(axes).argmin(axis=1)]))
+    return np.asarray(
         (across * np.cos(turn))[:, None] * tangent
-        + (across * np.sin(turn))[:, None] * np.cross(mirrored, tangent)
-        + cosine[:, None] * mirrored
+        + (across * np.sin(turn))[:, None] * np.cross(axes, tangent)
+        + cosine[:, None] * axes
     )
-    above = np.einsum("nx,nx->n", seen.geometric, directions) > 0
-    return directions, above[:, None].astype(np.float64)
+
+
+def _above(seen: _Seen, directions: Doubles) -> Doubles:
+    """1 where a direction goes away from the surface, else 0, (n, 1)."""
+    goes = np.einsum("nx,nx->n", seen.geometric, directions) > 0
+    return np.asarray(goes[:, None], np.float64)
 
 
 def _unit(vectors: Doubles) -> Doubles:

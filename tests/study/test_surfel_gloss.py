@@ -48,14 +48,21 @@ def test_a_glossy_floor_is_lit_as_in_truth(tmp_path, monkeypatch):
     monkeypatch.setattr(surfel_gloss, "AREA_LIGHT", SMALL)
     monkeypatch.setattr(surfel_gloss, "_IMAGE", (128, 72))
     context = context_in(tmp_path)
-    found = [
-        surfel_gloss.GLOSS.measure(context, Measuring(point), Worker()).rows[0]
+    found = {
+        (point.key["truth"], point.key["setting"]): surfel_gloss.GLOSS.measure(
+            context, Measuring(point), Worker()
+        ).rows[0]
         for point in surfel_gloss.GLOSS.points(context)
-    ]
-    two, three, four, at_run_time = (row["rel_l2"] for row in found)
+    }
+    narrow, wide = (
+        [row for (lobe, _), row in found.items() if lobe == one]
+        for one in (surfel_gloss.MIRRORED, surfel_gloss.HALF_VECTOR)
+    )
+    two, three, four, at_run_time = (row["rel_l2"] for row in narrow)
     assert two < 0.3 and max(three, four) < 0.45
     assert abs(four - at_run_time) < 0.03
-    assert all(abs(row["bias"]) < 0.1 for row in found)
+    assert all(abs(row["bias"]) < 0.1 for row in narrow)
+    assert [row["exponent"] for row in wide] == [5.0, 5.0, 5.0, 5.0, 20.0]
 
 
 @pytest.mark.slow

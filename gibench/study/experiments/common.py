@@ -16,6 +16,7 @@ from gibench.measure.session.session import Session
 from gibench.measure.statistics.summary import summarize
 from gibench.profiles import DeviceProfile
 from gibench.study.experiments.kept import Found, Kept, Summarize
+from gibench.study.experiments.taken import Taken
 from gibench.study.quality_rows import QualityOptions
 from gibench.study.settle import SettleOptions
 from gibench.study.site import Site
@@ -42,6 +43,7 @@ class Context:
         target_error: of references.
         reference_paths: of references at most; None for as many as the target error takes.
         target: what is to be the same, where an experiment has that; None for its own.
+        taken: errors of an earlier run, which are not measured again.
     """
 
     profiles: tuple[DeviceProfile, ...]
@@ -54,6 +56,7 @@ class Context:
     target_error: float = 0.02
     reference_paths: int | None = None
     target: float | None = None
+    taken: Taken | None = None
 
     @property
     def transport(self) -> dict[str, str]:
@@ -185,6 +188,7 @@ class Experiment:
         truth: traces what a point's job is compared with, ahead of points that are sent elsewhere,
             and tells its key in the store.
         target: what ``--target`` is of; empty where it has none.
+        errors: columns that ``--errors-from`` takes from an earlier run.
     """
 
     name: str
@@ -201,6 +205,7 @@ class Experiment:
     timed: bool = True
     truth: Callable[[Context, Job], str] | None = field(default=None, repr=False)
     target: str = ""
+    errors: tuple[str, ...] = ()
 
 
 def markdown(table: pd.DataFrame, formats: Mapping[str, str] | None = None) -> str:

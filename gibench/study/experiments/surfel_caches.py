@@ -10,7 +10,7 @@ from typing import Any, Final
 import pandas as pd
 
 from gibench.measure.session.session import Session
-from gibench.study.experiments.common import Context, published, published_section
+from gibench.study.experiments.common import Context, Measuring, published, published_section
 from gibench.study.experiments.kept import Found
 from gibench.study.experiments.side_by_side import compared
 from gibench.study.regions import WHOLE
@@ -30,6 +30,7 @@ RECEIVERS: Final = 20_000
 GI_PASSES: Final = ("surfel_lighting", "pull", "cache_lighting", "dilation", "forward_render")
 PASS_TIMES: Final = tuple(f"{name}_ms" for name in (*GI_PASSES, "camera"))
 ERRORS: Final = ("bias", "rel_l2", "lab_l_mse", "flip")
+ERROR_COLUMNS: Final = (*ERRORS, *(f"{name}_noise" for name in ERRORS))
 IMAGE: Final = (640, 360)
 
 
@@ -76,15 +77,18 @@ def pass_times(
         }
 
 
-def errors_of(context: Context, job: Job, worker: Worker, label: str) -> Mapping[str, Any]:
-    """Errors of ``job`` over the whole scene against the path-traced truth.
+def errors_of(context: Context, unit: Measuring, worker: Worker) -> Mapping[str, Any]:
+    """Errors of a point over the whole scene against the path-traced truth, or those taken.
 
     Raises:
         GibenchError: it cannot run.
     """
-    found: Found = compared(context, job, worker, IMAGE, label)
+    taken = None if context.taken is None else context.taken.of(unit.point.key)
+    if taken is not None:
+        return taken
+    found: Found = compared(context, unit.point.job, worker, IMAGE, unit.name)
     (whole,) = [row for row in found.rows if row["region"] == WHOLE]
-    return {name: whole[name] for name in (*ERRORS, *(f"{n}_noise" for n in ERRORS), "reason")}
+    return {name: whole[name] for name in (*ERROR_COLUMNS, "reason")}
 
 
 def theirs(where: str) -> str:

@@ -15,6 +15,7 @@ from gibench.study.experiments.common import Context, Experiment, Measuring, Poi
 from gibench.study.experiments.kept import Found, Kept
 from gibench.study.experiments.side_by_side import FORMATS, trace_truth
 from gibench.study.experiments.surfel_caches import (
+    ERROR_COLUMNS,
     ERRORS,
     HIGH,
     IMAGE,
@@ -52,10 +53,9 @@ def _points(context: Context) -> Iterator[Point]:
 
 
 def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
-    job = unit.point.job
-    times = pass_times(context, job, worker)
+    times = pass_times(context, unit.point.job, worker)
     chosen = {name: times[name] for name in ("cache_lighting_ms", "memory_bytes", "caches")}
-    return Found([{**chosen, **errors_of(context, job, worker, unit.name)}])
+    return Found([{**chosen, **errors_of(context, unit, worker)}])
 
 
 def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
@@ -93,13 +93,13 @@ DENSITY = Experiment(
     keys=("study", "value"),
     columns=(
         *("cache_lighting_ms", "memory_bytes", "caches"),
-        *ERRORS,
-        *(f"{name}_noise" for name in ERRORS),
+        *ERROR_COLUMNS,
     ),
     points=_points,
     measure=_measure,
     present=_present,
     truth=trace_truth,
+    errors=ERROR_COLUMNS,
 )
 
 

@@ -32,34 +32,57 @@ from gibench.work import Worker
 
 EXPONENT: Final = 20.0
 """Figure 6's."""
+MIRRORED: Final = "mirrored direction"
+HALF_VECTOR: Final = "half vector"
+_AS_WIDE: Final = 4.0
+"""A Blinn-Phong exponent over that of a lobe about the mirrored direction that is as wide: half
+vectors turn half as much, and cos^n is about exp(-n angle^2 / 2)."""
 _FRAMES: Final = 32
 """Frames after which the bounces of a room of albedo 0.7 have come together."""
 _IMAGE: Final = (256, 144)
 _PATHS: Final = 256
 _TRUTH: Final = "truth"
-_CHOICES: Final[dict[str, dict[str, Any]]] = {
+_BANDS: Final[dict[str, dict[str, Any]]] = {
     "2 bands": {"sh_bands": 2},
     "3 bands": {"sh_bands": 3},
     "4 bands": {"sh_bands": 4},
     "4 bands, run time": {"sh_bands": 4, "projection": "runtime"},
+}
+# By the truth's lobe: its file, and what is held against it, by label.
+_FILES: Final = {MIRRORED: "surfel-gloss", HALF_VECTOR: "surfel-gloss-half-vector"}
+_CHOICES: Final[dict[str, dict[str, dict[str, Any]]]] = {
+    MIRRORED: {label: {**choice, "exponent": EXPONENT} for label, choice in _BANDS.items()},
+    HALF_VECTOR: {
+        **{
+            f"{label}, n = {EXPONENT / _AS_WIDE:g}": {**choice, "exponent": EXPONENT / _AS_WIDE}
+            for label, choice in _BANDS.items()
+        },
+        f"4 bands, n = {EXPONENT:g}": {"sh_bands": 4, "exponent": EXPONENT},
+    },
 }
 
 
 def _points(context: Context) -> Iterator[Point]:
     own = str(data("scenes") / "surfel-caches" / "stars.toml")
     scene = (context.scenes or (own,))[0]
-    for label, choice in _CHOICES.items():
-        settings = {**AREA_LIGHT, **choice, "gloss": 1.0, "exponent": EXPONENT}
-        if context.quick:
-            settings |= {"surfels": 512, "links": 64, "caches": 300, "relaxation": 2}
-        receivers = 1000 if context.quick else None
-        job = context.of(TECHNIQUE, scene, context.profiles[0], receivers, **settings)
-        yield Point({"setting": label}, job)
+    for lobe, choices in _CHOICES.items():
+        for label, choice in choices.items():
+            settings = {**AREA_LIGHT, **choice, "gloss": 1.0}
+            if context.quick:
+                settings |= {"surfels": 512, "links": 64, "caches": 300, "relaxation": 2}
+            receivers = 1000 if context.quick else None
+            job = context.of(TECHNIQUE, scene, context.profiles[0], receivers, **settings)
+            yield Point({"truth": lobe, "setting": label}, job)
 
 
-def _indirect(context: Context, job: Job, exponent: float) -> Doubles:
+def _label(lobe: Any, setting: Any) -> str:
+    return f"{lobe}, {setting}"
+
+
+def _indirect(context: Context, job: Job, *, glossy: bool) -> Doubles:
     """The image (h, w, 3) of indirect light once its bounces have come together, W/m2/sr."""
-    job = replace(job, settings=replace(job.settings, exponent=exponent))
+    if not glossy:
+        job = replace(job, settings=replace(job.settings, exponent=0.0))
     with Session.open(job, context.site.standing(), context.site.cl_device) as session:
         session.prepare(whole=True)
         for frame in range(_FRAMES):
@@ -87,19 +110,23 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
     size = job.shot.width, job.shot.height
     scene = context.site.standing().scene(job.scene)
     camera = choose_camera(scene, job.shot.camera)
+    lobe = unit.point.key["truth"]
 
     def traced() -> tuple[Doubles, Doubles]:
         paths = 8 if context.quick else context.reference_paths or _PATHS
-        found = reference_lobe(scene, camera, *size, EXPONENT, paths=paths)
+        half = lobe == HALF_VECTOR
+        found = reference_lobe(scene, camera, *size, EXPONENT, half_vector=half, paths=paths)
         return found.value, found.stderr
 
-    truth, stderr = context.site.kept(("lobe", job.scene, *size), traced)
-    gloss = np.maximum(_indirect(context, job, EXPONENT) - _indirect(context, job, 0.0), 0.0)
+    truth, stderr = context.site.kept(("lobe", lobe, job.scene, *size), traced)
+    both, diffuse = (_indirect(context, job, glossy=glossy) for glossy in (True, False))
+    gloss = np.maximum(both - diffuse, 0.0)
     floor = floor_seen(scene, camera, *size)
     off = bias(gloss[floor], truth[floor], stderr[floor])
     apart = relative_l2(gloss[floor], truth[floor], stderr[floor])
     looks = flip(gloss, truth, stderr, floor)
     row = {
+        "exponent": job.settings.exponent,
         "bias": off.value,
         "rel_l2": apart.value,
         "flip": looks.value,
@@ -108,18 +135,18 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
         "flip_noise": looks.noise,
         "pixels": int(floor.sum()),
     }
-    shown = {unit.point.key["setting"]: gloss, _TRUTH: truth}
+    shown = {_label(lobe, unit.point.key["setting"]): gloss, _label(lobe, _TRUTH): truth}
     arrays = {name: image.reshape(-1, 3) for name, image in shown.items()}
     return Found([row], arrays=arrays)
 
 
-def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
-    ok = table[table["status"] == "ok"]
+def _pictures(context: Context, kept: Kept, lobe: str, settings: list[str]) -> str:
+    """A panel of the truth and what is held against it; the Markdown that shows it."""
     width, height = context.shot(_IMAGE).width, context.shot(_IMAGE).height
     images = {
         label: values.reshape(height, width, 3)
-        for label in (_TRUTH, *ok["setting"])
-        if (values := kept.array(label)) is not None
+        for label in (_TRUTH, *settings)
+        if (values := kept.array(_label(lobe, label))) is not None
     }
     truth = images[_TRUTH]
     exposure = default_exposure(truth.reshape(-1, 3))
@@ -136,19 +163,33 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
         ),
     ]
     panel(
-        kept.path / "surfel-gloss",
+        kept.path / _FILES[lobe],
         [above, below],
-        "What a lobe cos^20 about the mirrored direction gathers, alone; one exposure, one scale.",
+        f"The lobe's light alone; in truth cos^{EXPONENT:g} of the angle "
+        + ("to the mirrored direction" if lobe == MIRRORED else "of the half vector")
+        + "; one exposure, one scale.",
     )
-    shown = ["setting", "bias", "rel_l2", "flip", "rel_l2_noise", "pixels"]
+    return f"![gloss]({_FILES[lobe]}.png)"
+
+
+def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
+    ok = table[table["status"] == "ok"]
+    shown = ["truth", "setting", "bias", "rel_l2", "flip", "rel_l2_noise", "pixels"]
+    pictures = [
+        _pictures(context, kept, lobe, mine["setting"].tolist())
+        for lobe in _CHOICES
+        if not (mine := ok[ok["truth"] == lobe]).empty
+    ]
     return "\n\n".join(
         (
-            "The lobe's light alone, without the diffuse one's: over the floor against a "
-            "path-traced truth of the same lobe. Nothing in four bands is as narrow as cos^20: "
-            "they keep 1, 0.95, 0.87 and 0.76 of its own, and nothing beyond. A lamp beside the "
-            "mirrored direction is smeared into it, by more bands the brighter.",
+            "The lobe's light alone, without the diffuse one's, over the floor. The technique's "
+            "lobe is cos^n about the mirrored direction, of volume one; the truth's is cos^20 "
+            "about it (Phong), or of the angle between normal and half vector (Blinn), which is "
+            "about as wide as n = 5. Nothing in four bands is as narrow as cos^20 about the "
+            "mirrored direction: they keep 1, 0.95, 0.87 and 0.76 of its own, and nothing beyond. "
+            "A lamp beside the mirrored direction is smeared into it, by more bands the brighter.",
             markdown(ok[shown], {**FORMATS, "rel_l2_noise": ".2%"}),
-            "![gloss](surfel-gloss.png)",
+            *pictures,
         )
     )
 
@@ -158,9 +199,9 @@ GLOSS = Experiment(
     title="Surfel caches: a glossy floor",
     source="figure 6 and section 3.2 of Jendersie et al. 2016",
     profiles=("iphone7",),
-    keys=("setting",),
+    keys=("truth", "setting"),
     columns=(
-        *("bias", "rel_l2", "flip"),
+        *("exponent", "bias", "rel_l2", "flip"),
         *("bias_noise", "rel_l2_noise", "flip_noise", "pixels"),
     ),
     points=_points,

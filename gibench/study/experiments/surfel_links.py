@@ -11,6 +11,7 @@ from gibench.study.experiments.common import Context, Experiment, Measuring, Poi
 from gibench.study.experiments.kept import Found, Kept
 from gibench.study.experiments.side_by_side import FORMATS, trace_truth
 from gibench.study.experiments.surfel_caches import (
+    ERROR_COLUMNS,
     ERRORS,
     HIGH,
     MODERATE,
@@ -26,16 +27,14 @@ from gibench.work import Worker
 _COLUMNS = (
     *PASS_TIMES,
     *("frames", "memory_bytes", "caches"),
-    *ERRORS,
-    *(f"{name}_noise" for name in ERRORS),
+    *ERROR_COLUMNS,
 )
 _TIMES_OF = "Times of this machine under the profile's limits, not of the device it models."
 
 
 def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
-    job = unit.point.job
-    times = pass_times(context, job, worker)
-    return Found([{**times, **errors_of(context, job, worker, unit.name)}])
+    times = pass_times(context, unit.point.job, worker)
+    return Found([{**times, **errors_of(context, unit, worker)}])
 
 
 # -- surfels by links -------------------------------------------------------------------------
@@ -92,6 +91,7 @@ LINKS = Experiment(
     measure=_measure,
     present=_links_present,
     truth=trace_truth,
+    errors=ERROR_COLUMNS,
 )
 
 
@@ -129,6 +129,7 @@ BANDS = Experiment(
     measure=_measure,
     present=_bands_present,
     truth=trace_truth,
+    errors=ERROR_COLUMNS,
 )
 
 
