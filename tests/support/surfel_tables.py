@@ -87,8 +87,7 @@ def figure_8(links: pd.DataFrame) -> str:
     rows = []
     for title, name in (("surfel lighting", "surfel_lighting"), ("pull", "pull")):
         cells = [
-            f"{ms(mean_of(links, f'{name}_ms', surfels=n))} / "
-            f"{theirs('figure 8', name, surfels=n)}"
+            f"{ms(mean_of(links, f'{name}_ms', surfels=n))} / {theirs('figure 8', name, surfels=n)}"
             for n in SURFELS
         ]
         rows.append([title, *cells])
@@ -210,9 +209,7 @@ def table_4(memory: pd.DataFrame) -> str:
         shown = theirs("section 5.3.1", f"memory {how}", setup=setup)
         summed = one(memory, "table_4_bytes", **key)
         own = [mib(one(memory, f"{name}_bytes", **key)) for name in ("declared", "allocated")]
-        rows.append(
-            [setup, how, shown, NONE if summed is None else f"{summed / 2**20:.2f}", *own]
-        )
+        rows.append([setup, how, shown, NONE if summed is None else f"{summed / 2**20:.2f}", *own])
     return markdown(head, rows)
 
 
