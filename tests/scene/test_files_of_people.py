@@ -87,7 +87,10 @@ def test_every_way_to_write_text(tmp_path: Path, kind: str) -> None:
     scene = _written(tmp_path, a_obj=obj, a_mtl=mtl, b_mtl="newmtl wall\nKd 0.5 0.5 0.5\n")
     assert _area(scene) == pytest.approx(16)
     assert _colors(scene) == RIGHT
-    assert scene.warnings == ("8 triangles without normals: flat normals computed",)
+    assert scene.warnings == (
+        "8 triangles without normals: flat normals computed",
+        "no light and nothing that glows: a swinging sun and a sky added",
+    )
 
 
 @pytest.mark.parametrize("names", [("Material #1", "Material #2"), ("a#1", "a#2"), ("Ö", "ü ß")])

@@ -163,7 +163,8 @@ def scene_of(name: str, mesh: CleanMesh, content: Content) -> Scene:
     )
     scene = replace(scene, probes=replace(scene.probes, count=probes, automatic=True))
     if not scene.lights and not glows(scene.materials, scene.material_ids):
-        scene = replace(scene, lights=(SUN,), environment=SKY)
+        said = (*scene.warnings, "no light and nothing that glows: a swinging sun and a sky added")
+        scene = replace(scene, lights=(SUN,), environment=SKY, warnings=said)
     if not scene.cameras:
         scene = replace(scene, cameras=(suggested_camera(scene),))
     return scene

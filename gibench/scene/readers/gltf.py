@@ -38,13 +38,39 @@ from gibench.scene.readers.gltf_buffers import Buffers, compressed
 from gibench.scene.readers.gltf_formulas import local_matrix, punctual_light, triangles
 from gibench.scene.readers.gltf_materials import Materials, Slot
 
-# Extensions that may be required and still be read: either done here or without effect on diffuse
-# surfaces (every KHR_materials_* beside them).
+# Extensions that may be required and still be read (every KHR_materials_* beside them).
 _READ_EXTENSIONS = {
     "KHR_lights_punctual",
     "KHR_mesh_quantization",
+    "KHR_node_visibility",
     "KHR_texture_transform",
     "EXT_texture_webp",
+}
+# Extensions of which nothing is said: read with the materials, told of where they matter, or
+# without effect on the light of diffuse surfaces.
+_NOT_SAID = {
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "EXT_texture_avif",
+    "KHR_animation_pointer",
+    "KHR_draco_mesh_compression",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_dispersion",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_iridescence",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_sheen",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_texture_basisu",
+    "KHR_xmp",
+    "KHR_xmp_json_ld",
+    "MSFT_lod",
+    "MSFT_texture_dds",
 }
 # Compressions that are not read: a file with them is refused where it has nothing else.
 _COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
@@ -96,6 +122,9 @@ def _parse(data: bytes, path: Path) -> pygltflib.GLTF2:
     version_text = str(gltf.asset.version if gltf.asset else None)
     if not version_text.startswith("2"):
         raise BadInput(f"glTF version {version_text}", where=path, mend="only glTF 2.0 is read")
+    least = gltf.asset.minVersion if gltf.asset else None
+    if least is not None and str(least) != "2.0":
+        raise BadInput(f"asks for glTF {least}", where=path, mend="only glTF 2.0 is read")
     return gltf
 
 
@@ -160,6 +189,9 @@ class _Reader:
         materials, maps = self.materials.read()
         if animations := len(self.gltf.animations or []):
             self.found.ignored["animations: the pose at rest used"] += animations
+        for name in sorted({str(name) for name in self.gltf.extensionsUsed or []}):
+            if name not in _READ_EXTENSIONS | _NOT_SAID:
+                self.found.ignored[f"the extension {name}"] += 1
         for node in self._roots():
             self._walk(node, np.eye(4))
         if any(count > 1 for count in self.found.meshes.values()):
@@ -232,6 +264,9 @@ class _Reader:
                     mend="glTF nodes form trees",
                 )
             self.visited.add(index)
+            if _hidden(nodes[index]):
+                self.found.ignored["nodes that are not visible, and all below them"] += 1
+                continue
             world = parent @ local_matrix(nodes[index])
             self._visit(nodes[index], index, world)
             stack += [(child, world) for child in reversed(nodes[index].children or [])]
@@ -355,3 +390,8 @@ class _Reader:
             self.found.ignored[f"lights of type {table[index].get('type')!r}"] += 1
             return
         self.found.lights.append(transform_light(lamp, world))
+
+
+def _hidden(node: Any) -> bool:
+    """Whether a node and all below it are switched off (KHR_node_visibility)."""
+    return (node.extensions or {}).get("KHR_node_visibility", {}).get("visible", True) is False

@@ -107,6 +107,8 @@ class Materials:
     def _material(self, entry: Any, index: int) -> tuple[Material, Maps]:
         extensions = entry.extensions or {}
         factor, info = self._color(entry)
+        if (factor[:3] > 1).any():
+            self._ignored["base colours over 1: 1 used"] += 1
         strength = extensions.get("KHR_materials_emissive_strength", {}).get(
             "emissiveStrength", 1.0
         )

@@ -39,6 +39,8 @@ _NORMAL_MAPS = ("norm", "map_bump", "bump")
 NORMAL_MAP = "normal map"
 """The keyword that coordinates of normal maps are asked for by, whichever statement named one."""
 
+# Illumination models of glass (MTL format: 4, 6, 7 and 9), which say nothing of how much passes.
+_GLASS = ("4", "6", "7", "9")
 _GLOSS_MAPS = ("map_pr", "map_pm")
 GLOSS_MAP = "gloss map"
 """Likewise of roughness and metalness, of which one image is made."""
@@ -109,6 +111,8 @@ class _Reader:
         self.missing: list[str] = []
         self.options: list[str] = []
         self.senseless: list[str] = []
+        self.earlier: list[tuple[str, _Entries]] = []  # definitions that later ones replace
+        self.glass: list[str] = []
 
     def read_statement(self, text: str) -> None:
         """All libraries that one ``mtllib`` names."""
@@ -127,7 +131,10 @@ class _Reader:
             keyword = statement.split(None, 1)[0].lower()
             if keyword == "newmtl":
                 entries = _Entries(file.parent)
-                self.found[" ".join(argument(statement).split())] = entries
+                name = " ".join(argument(statement).split())
+                if name in self.found:
+                    self.earlier.append((name, self.found[name]))
+                self.found[name] = entries
             elif entries is not None:
                 entries.values[keyword] = argument(statement)
 
@@ -170,6 +177,17 @@ class _Reader:
             )
         if self.options:
             self.warnings.append(f"options of texture maps not used: {_some(self.options)}")
+        twice = [name for name, old in self.earlier if old.values != self.found[name].values]
+        if twice:
+            self.warnings.append(
+                f"{counted(len(set(twice)), 'material')} defined more than once "
+                f"({_some(twice)}): the last definition used"
+            )
+        if self.glass:
+            self.warnings.append(
+                f"{counted(len(self.glass), 'material')} of glass by illum alone "
+                f"({_some(self.glass)}): opaque, as neither d nor Tr lets light through"
+            )
         if self.senseless:
             self.warnings.append(
                 f"{counted(len(self.senseless), 'statement')} of materials not understood "
@@ -198,6 +216,8 @@ class _Reader:
         if emission_map is not None and not any(emission):
             emission = WHITE
         opacity = self._opacity(entries)
+        if entries.values.get("illum") in _GLASS and opacity == 1 and cut_out is None:
+            self.glass.append(name or "default")
         bumps = self._normal_map(entries, number)
         gloss, maps = self._gloss(entries, name), self._gloss_map(entries, number)
         material = Material(
