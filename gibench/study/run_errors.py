@@ -36,6 +36,7 @@ RECEIVERS = 4096
 SETTLE = SettleOptions(frames=1024)
 SETTLE_SECONDS = 90.0
 """As ``quality`` settles it, but no longer than a first run can bear."""
+NO_LIGHT = "not compared: no indirect light in the scene"
 SMALL_IMAGE = (160, 90)
 """Pixels: for a technique whose light the camera has no part in."""
 
@@ -92,6 +93,9 @@ def _rows(
             ("quick truth", job.scene, job.receivers),
             partial(quick_truth, job, lightmap, site),
         )
+        if not truth.value.any():
+            yield {"configuration": configuration, "unsettled": NO_LIGHT}
+            continue
         still = settled.settled and not settled.unrested
         yield {
             "configuration": configuration,

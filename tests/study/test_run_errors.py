@@ -18,7 +18,7 @@ from gibench.report.which_one import cells, headings
 from gibench.scene.lightmap import some_receivers
 from gibench.scene.load import load_scene
 from gibench.study.frozen import frozen
-from gibench.study.run_errors import QuickTruth, errors_of
+from gibench.study.run_errors import NO_LIGHT, QuickTruth, errors_of
 
 
 def test_some_receivers_are_those_receivers(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -81,6 +81,29 @@ def test_a_run_ends_with_its_answer(tmp_path: Path) -> None:
     assert answer.sentence in report
     again = gibench.make_report(tmp_path / "run").text
     assert answer.sentence in again
+
+
+def test_a_scene_without_indirect_light_ranks_nothing(tmp_path: Path) -> None:
+    corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    walls = ("3 4 2 1", "6 8 7 5", "2 6 5 1", "7 8 4 3", "5 7 3 1", "4 8 6 2")  # seen from within
+    closed = tmp_path / "closed.obj"
+    closed.write_text("\n".join([*corners, *(f"f {wall}" for wall in walls), ""]))
+    made = gibench.run(
+        technique="ddgi",
+        settings={"ddgi.rays": 64},
+        probes=8,
+        scene=str(closed),
+        receivers=100,
+        resolution="32x18",
+        frames=3,
+        warmup=0,
+        out=tmp_path / "run",
+        cache_dir=tmp_path / "cache",
+    )
+    (answer,) = made.answers
+    assert answer.table["status"][0] == NO_LIGHT
+    assert np.isnan(answer.table["rel_l2"][0])
+    assert "nothing can be said" in answer.sentence
 
 
 def test_budgets_are_above_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
