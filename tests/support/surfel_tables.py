@@ -232,6 +232,43 @@ def density(table: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
+def gloss(table: pd.DataFrame) -> str:
+    """A glossy floor, by the truth's lobe."""
+    head = ["lobe in truth", "held against it", "n", "bias", "relative L2", "FLIP", "noise of L2"]
+    if "truth" not in table:
+        return markdown(head, [])
+    rows = [
+        [
+            str(row["truth"]),
+            str(row["setting"]),
+            f"{row['exponent']:g}",
+            percent(row["bias"]),
+            percent(row["rel_l2"]),
+            f"{row['flip']:.3f}",
+            percent(row["rel_l2_noise"]),
+        ]
+        for row in table.to_dict("records")
+    ]
+    return markdown(head, rows)
+
+
+def failures(table: pd.DataFrame) -> str:
+    """Where it fails, and the lamps."""
+    head = ["scene", "setting", "bias", "relative L2", "FLIP", "light where truth has none"]
+    rows = [
+        [
+            str(row["case"]),
+            str(row["setting"]),
+            percent(row["bias"]),
+            percent(row["rel_l2"]),
+            NONE if pd.isna(row["flip"]) else f"{row['flip']:.3f}",
+            NONE if pd.isna(row["dark"]) else percent(row["dark"]),
+        ]
+        for row in table.to_dict("records")
+    ]
+    return markdown(head, rows)
+
+
 TABLES: dict[str, tuple[str, Callable[[pd.DataFrame], str]]] = {
     "figure-8": ("surfel-links", figure_8),
     "figure-8-errors": ("surfel-links", figure_8_errors),
@@ -240,6 +277,8 @@ TABLES: dict[str, tuple[str, Callable[[pd.DataFrame], str]]] = {
     "table-3": ("surfel-bands", table_3),
     "table-4": ("surfel-memory", table_4),
     "density": ("surfel-density", density),
+    "gloss": ("surfel-gloss", gloss),
+    "failures": ("surfel-failures", failures),
 }
 """By name: the experiment, and what makes the table of its rows."""
 
