@@ -37,6 +37,7 @@ from gibench.scene.readers.content import (
 from gibench.scene.readers.gltf_buffers import Buffers, compressed
 from gibench.scene.readers.gltf_formulas import local_matrix, punctual_light, triangles
 from gibench.scene.readers.gltf_materials import Materials, Slot
+from gibench.scene.readers.gltf_wrap import wrapped
 
 # Extensions that may be required and still be read (every KHR_materials_* beside them).
 _READ_EXTENSIONS = {
@@ -206,16 +207,17 @@ class _Reader:
                 where=self.path,
                 mend="the file must hold a scene with a mesh of triangles",
             )
-        return Content(
+        content = Content(
             tuple(self.found.parts),
             tuple(materials),
             tuple(self.materials.textures),
             tuple(self.found.lights),
             tuple(self.found.cameras),
             tuple(node.name or "" for node in self.gltf.nodes or []),
-            self._warnings(),
-            tuple(maps),
+            maps=tuple(maps),
         )
+        content = wrapped(content, self.materials.wraps(), self.found.ignored)
+        return replace(content, warnings=self._warnings())
 
     def _warnings(self) -> tuple[str, ...]:
         return tuple(f"ignored: {what} ({n})" for what, n in sorted(self.found.ignored.items()))

@@ -23,6 +23,7 @@ from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.gltf_buffers import Buffers
 from gibench.scene.readers.gltf_formulas import uv_matrix
 from gibench.scene.readers.gltf_gloss import Gloss, converted, gloss_of
+from gibench.scene.readers.gltf_wrap import CLAMP, MIRROR, REPEAT, Wrap
 from gibench.scene.readers.textures import (
     alpha_from_bytes,
     gloss_from_bytes,
@@ -98,11 +99,42 @@ class Materials:
             return Uses(len(self._entries), {name: _slot(None) for name in SLOTS})
         if not isinstance(index, int) or not 0 <= index < len(self._entries):
             raise BadInput(f"there is no material {index}", where=self._path)
+        return Uses(index, {name: _slot(info) for name, info in self._infos(index).items()})
+
+    def _infos(self, index: int) -> dict[str, Any]:
+        """What the file says of each slot of material ``index``; None where it has no image."""
         entry = self._entries[index]
         gloss = gloss_of(entry, index, self._path).image
         used = (self._color(entry)[1], entry.emissiveTexture, entry.normalTexture, gloss)
-        slots = {name: _slot(info) for name, info in zip(SLOTS, used, strict=True)}
-        return Uses(index, slots)
+        return dict(zip(SLOTS, used, strict=True))
+
+    def wraps(self) -> list[dict[str, Wrap]]:
+        """How the images of each material's slots go on beyond their edges, where there are any."""
+        return [
+            {
+                name: self._wrap(info)
+                for name, info in self._infos(index).items()
+                if info is not None
+            }
+            for index in range(len(self._entries))
+        ]
+
+    def _wrap(self, info: Any) -> Wrap:
+        """Modes along u and v of the sampler of a texture slot."""
+        texture, samplers = (self._gltf.textures or [])[_index(info)], self._gltf.samplers or []
+        if texture.sampler is None:
+            return REPEAT, REPEAT
+        if not isinstance(texture.sampler, int) or not 0 <= texture.sampler < len(samplers):
+            raise BadInput(f"there is no sampler {texture.sampler!r}", where=self._path)
+        sampler = samplers[texture.sampler]
+        modes = []
+        for mode in (sampler.wrapS, sampler.wrapT):
+            known = REPEAT if mode is None else mode
+            if known not in (REPEAT, CLAMP, MIRROR):
+                self._ignored[f"wrap mode {mode!r}"] += 1
+                known = REPEAT
+            modes.append(known)
+        return modes[0], modes[1]
 
     def _material(self, entry: Any, index: int) -> tuple[Material, Maps]:
         extensions = entry.extensions or {}
