@@ -216,7 +216,7 @@ def record(
     runs = plan_groups(total, sampling.runs, sampling.length)
     turns = [
         (run, each[n])
-        for n in range(sampling.length)
+        for n in range(max(map(len, runs)))
         for run, each in enumerate(runs)
         if n < len(each)
     ]

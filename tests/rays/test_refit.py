@@ -13,6 +13,7 @@ from support.moving_scenes import (
     read_corners,
     read_tree,
 )
+from support.pairwise import few
 from support.rays_oracle import (
     AGREE,
     ROUNDING,
@@ -36,7 +37,7 @@ from gibench.scene.poses import Turn
 from gibench.techniques.parts.conformance.synthetic import random_motion
 from gibench.techniques.parts.frame_scene import FrameScene
 
-SIZES = [1, 7, 64, 100]  # none of them divides what is moved
+SIZES = few([1, 7, 64, 100], (7, 100))  # none of them divides what is moved
 
 
 def moving(rng, scene=None, movers=("one", "some", "box"), frames=4, device=None):
@@ -110,8 +111,14 @@ def test_only_what_moves_and_its_ancestors_are_visited(rng):
     assert not len(nothing.triangle_slots) and not len(nothing.node_slots) and not nothing.levels
 
 
-@pytest.mark.parametrize("packets", [False, True])
-@pytest.mark.parametrize("size", [32, 96])
+@pytest.mark.parametrize(
+    ("packets", "size"),
+    [
+        (False, 96),
+        (True, 32),
+        *(pytest.param(p, n, marks=pytest.mark.slow) for p, n in ((False, 32), (True, 96))),
+    ],
+)
 def test_hits_are_those_of_a_new_tree_and_of_the_oracles(rng, packets, size):
     shared, _ = moving(rng)
     device = shared.device

@@ -16,6 +16,10 @@ from gibench.techniques.registry import TUNED
 from support.made import made
 
 
+# Of tests that ask for no other: kernels are compiled anew for every number of surfels and cells.
+ROOMY = {"surfels": 4000, "grid_cells": 6}
+
+
 def box_parts(low, high, inwards):
     """Positions, normals and triangles of a box whose fronts face inwards or outwards."""
     part = cube()

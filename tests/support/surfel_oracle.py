@@ -8,6 +8,7 @@ from gibench.measure.session.enqueue import prepare_pass
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.surfel_cache import SPEC, SurfelCache
 from gibench.techniques.surfel_cache.conform_oracle import (
+    dilated,
     gathered,
     halves,
     link_terms,
@@ -23,9 +24,9 @@ from gibench.work import Serial
 from support.made import made
 from support.shading_oracle import open_device
 
-__all__ = ["SHAPES", "SMALL", "VARIANTS", "baked", "create", "gathered", "halves", "link_terms",
-           "lit_caches", "lobe", "random_caches", "random_flux", "read", "run_pass", "spread",
-           "write"]  # fmt: skip
+__all__ = ["SHAPES", "SMALL", "VARIANTS", "baked", "create", "dilated", "gathered", "halves",
+           "link_terms", "lit_caches", "lobe", "random_caches", "random_flux", "read", "run_pass",
+           "spread", "write"]  # fmt: skip
 
 VARIANTS = ("published", "tuned")
 SHAPES = ("published", "wide", "simt")

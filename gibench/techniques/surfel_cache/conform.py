@@ -30,6 +30,7 @@ from gibench.techniques.registry import BakeContext
 from gibench.techniques.surfel_cache import SPEC
 from gibench.techniques.surfel_cache.conform_oracle import (
     Array,
+    dilated,
     gathered,
     halves,
     link_terms,
@@ -138,19 +139,8 @@ def _dilation(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> 
     before = halves(technique, "cache_map").reshape(whole)
     run_pass(technique, "dilation", size)
     after = halves(technique, "cache_map").reshape(whole)
-    mark = before[:, :, 0, 3]
-    lit = np.pad(mark == 1, 1)
-    values = np.where((mark == 1)[..., None, None], before, 0)
-    values = np.pad(values, ((1, 1), (1, 1), (0, 0), (0, 0)))
-    count, total = np.zeros(mark.shape), np.zeros(whole)
-    for dy in range(3):
-        for dx in range(3):
-            window = (slice(dy, dy + atlas.height), slice(dx, dx + atlas.width))
-            count += lit[window]
-            total += values[window]
-    border = (mark != 1) & (count > 0)
+    border, mean = dilated(before)
     yield at_least(float(border.sum()), 20)
-    mean = total[border][..., :3] / count[border][:, None, None]
     # A half is known to 2^-11 of itself, its sum of up to eight in single precision.
     yield off(after[border][..., :3], mean, 1e-3, 1e-4)
     yield off(after[~border], before[~border])

@@ -122,6 +122,25 @@ def gathered(technique: Any, places: Array, positions: Array, terms: Array) -> t
     return found, sure
 
 
+def dilated(before: Array) -> tuple[Array, Array]:
+    """Which texels (h, w) of a map (h, w, coefficients, 4) dilation fills: those beside lit ones
+    that are not lit themselves; and what it puts into these n, the mean (n, coefficients, 3) of the
+    lit.
+    """
+    height, width = before.shape[:2]
+    lit = before[:, :, 0, 3] == 1
+    values = np.where(lit[..., None, None], before, 0)
+    values, around = np.pad(values, ((1, 1), (1, 1), (0, 0), (0, 0))), np.pad(lit, 1)
+    count, total = np.zeros(lit.shape), np.zeros(before.shape)
+    for dy in range(3):
+        for dx in range(3):
+            window = (slice(dy, dy + height), slice(dx, dx + width))
+            count += around[window]
+            total += values[window]
+    border = ~lit & (count > 0)
+    return border, total[border][..., :3] / count[border][:, None, None]
+
+
 def spread(grid_bits: Array) -> Array:
     """Directions of packed octahedral ones (n,), in float64."""
     q = np.stack([grid_bits & 0xFFFF, grid_bits >> 16], axis=1).astype(np.uint16).view(np.int16)

@@ -32,13 +32,13 @@ def scene():
         [
             {},
             {"gamma": 1.0, "normal_bias": 0.4},
-            {"gamma": 3.3},
             {"average": "encoded"},
             {"average": "encoded", "gamma": 3.3},
         ],
         ["fp16", "fp32"],
         VARIANTS,
         [7, 64],
+        more={0: [{"gamma": 3.3}]},
     ),
 )
 def test_gather_at_receivers(scene, variant, storage, size, more):

@@ -23,7 +23,7 @@ from support.ddgi_oracle import (
     state_of,
     texel_directions,
 )
-from support.pairwise import pairwise
+from support.pairwise import few, pairwise
 from support.synthetic_bake import random_scene, random_unit
 
 from gibench.device import SIMT, WIDE, kernel_source, local
@@ -128,7 +128,7 @@ def test_bordered_maps_are_continuous(side):
 # -- tracing and shading -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", few(SIZES))
 def test_probe_trace(scene, size):
     rng = np.random.default_rng(size)
     technique = create(scene, SMALL)
@@ -173,7 +173,7 @@ def test_probe_trace(scene, size):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", few(SIZES))
 def test_probe_shade(scene, size, variant):
     rng = np.random.default_rng(size)
     technique = create(scene, SMALL, variant)
@@ -220,8 +220,9 @@ def test_probe_shade(scene, size, variant):
             {"average": "encoded"},
             {"average": "encoded", "gamma": 2.5},
         ],
-        SIZES,
+        (7, 64, 100),
         ("published", WIDE, SIMT),
+        more={1: (1,)},
     ),
 )
 def test_blending(scene, size, shape, more):
@@ -264,7 +265,7 @@ def test_blending(scene, size, shape, more):
     np.testing.assert_allclose(distances, expected, rtol=DISTANCE.relative, atol=DISTANCE.absolute)
 
 
-@pytest.mark.parametrize("size", [1, 7, 24, 64])
+@pytest.mark.parametrize("size", few([1, 7, 24, 64]))
 @pytest.mark.parametrize("sharp", [False, True])
 def test_lists_of_rays_by_groups(rng, scene, sharp, size):
     """Those that one work-item per texel makes, in the same order, whatever the group."""

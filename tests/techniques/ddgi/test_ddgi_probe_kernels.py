@@ -15,6 +15,7 @@ from support.ddgi_oracle import (
     state_of,
     texel_directions,
 )
+from support.pairwise import few
 from support.synthetic_bake import random_scene
 
 from gibench.techniques.ddgi.conform_oracle import OFFSET, VARIABILITY
@@ -25,7 +26,7 @@ def scene():
     return random_scene(np.random.default_rng(7), 80)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", few(SIZES))
 def test_relocation_and_classification(scene, size):
     rng = np.random.default_rng(size)
     settings = {**SMALL, "counts": "9x7x6", "min_frontface_distance": 0.4}
@@ -68,8 +69,14 @@ def test_without_classification_all_probes_stay_active(scene):
     np.testing.assert_array_equal(state_of(technique).state, 1 + blended * BLENDED)
 
 
-@pytest.mark.parametrize("size", [*SIZES, 33, 256])
-@pytest.mark.parametrize("counts", ["1x1x1", "5x3x2", "20x10x10"])
+@pytest.mark.parametrize(
+    ("counts", "size"),
+    [  # every count and every size; all of both are slow
+        pytest.param(c, n, marks=() if n in fast else pytest.mark.slow)
+        for c, fast in (("1x1x1", (7,)), ("5x3x2", (1, 64, 100)), ("20x10x10", (33, 256)))
+        for n in (*SIZES, 33, 256)
+    ],
+)
 def test_average_variability_is_the_exact_mean(scene, size, counts):
     rng = np.random.default_rng(size)
     settings = {**SMALL, "counts": counts, "rays": 14, "irradiance_texels": 6}

@@ -107,8 +107,7 @@ def test_furnace(variant, storage, average):
     scene, lightmap = empty_room(side=4)
     glowing = (Material("glowing", (0.5, 0.5, 0.5), (1.0, 1.0, 1.0)),)
     scene = looking(replace(scene, materials=glowing))
-    settings = {"counts": "2x2x2", "rays": 60, "fixed_rays": 20, "storage": storage,
-                "average": average}  # fmt: skip
+    settings = {**FEW, "storage": storage, "average": average}
     technique = create(scene, settings, variant, lightmap=lightmap)
     # The scalar recurrence that every texel follows, in float64.
     power = 1.0 if average == "linear" else 0.2
@@ -201,7 +200,7 @@ def test_no_light_through_the_wall_between_two_rooms():
 def test_the_probes_picture_shows_probes():
     scene, lightmap = empty_room(side=4)
     scene = looking(scene, (0.0, 1.2, 1.0), (0.0, 1.2, 0.0))
-    technique = create(scene, {"counts": "3x3x3"}, lightmap=lightmap, image=(160, 120))
+    technique = create(scene, FEW, lightmap=lightmap, image=(160, 120))
     frames(technique, 1)
     s = state_of(technique)
     # A black room without light: only inactive probes, in dark red, differ from it.
@@ -251,7 +250,7 @@ def test_the_probes_picture_equals_every_sphere_by_every_ray(rng, storage):
 
 
 def test_what_does_not_fit_is_refused(soup):
-    technique = create(soup, {**FEW, "rays": 256}, "published", local_memory=20)
+    technique = create(soup, FEW, "published", local_memory=20)
     refused = {p.name: p for p in prepare_passes(technique, 64)}["blend_irradiance"]
     assert refused.status == "skipped"
     with pytest.raises(CannotRun, match="buffer 'probe_hits' asks for"):

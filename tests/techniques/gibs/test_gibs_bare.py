@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.gibs_scenes import Frames, furnace, furnished, gibs
+from support.gibs_scenes import ROOMY, Frames, furnace, furnished, gibs
 
 from gibench.errors import BadInput
 from gibench.scene.model import Camera
@@ -34,7 +34,7 @@ def hits_of(technique, scene, rays):
 @pytest.mark.parametrize(("variant", "size"), [(TUNED, 7), (PUBLISHED, 64), (TUNED, 100)])
 def test_one_hit_in_a_cell_gets_a_surfel(rng, variant, size):
     scene, seed = furnished(), int(rng.integers(2**31))
-    settings = {"surfels": 3000, "placement": "rays", "bare_threshold": 0.5, "grid_cells": 9}
+    settings = {**ROOMY, "placement": "rays", "bare_threshold": 0.5}
     technique = gibs(
         scene,
         variant,
@@ -113,8 +113,8 @@ def closed_in():
 def test_light_goes_round_where_no_camera_looks(variant):
     found = {}
     for placement in ("camera", "rays"):
-        technique = gibs(closed_in(), variant, surfels=5000, placement=placement,
-                         rays_per_surfel=4.0, grid_cells=8, radius_share=0.2)  # fmt: skip
+        technique = gibs(closed_in(), variant, placement=placement, rays_per_surfel=4.0,
+                         radius_share=0.2, **ROOMY)  # fmt: skip
         Frames(technique).run(150)
         ids = technique.device.read(technique.surfels.geometry.alive_ids)[
             : technique.life()["alive"]

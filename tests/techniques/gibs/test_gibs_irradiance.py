@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from support.gibs_surfels import any_size_device, defines, frame_words, run
 from support.launches import launch_of
+from support.pairwise import few
 
 from gibench.techniques.gibs.conform_oracle import random_rays, updated
 
-SIZES = (1, 24, 64, 256)
+SIZES = few((1, 24, 64, 256), (24, 64))
 
 
 # -- estimator --------------------------------------------------------------------------------

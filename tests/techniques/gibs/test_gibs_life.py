@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.gibs_scenes import Frames, furnished, gibs
+from support.gibs_scenes import ROOMY, Frames, furnished, gibs
 
 from gibench.techniques.gibs.settings import PERSPECTIVE
 from gibench.techniques.registry import PUBLISHED, TUNED
@@ -13,7 +13,7 @@ FLIGHT = {
     "flight_frames": 250,
     "placement_chance": 0.5,
     "radius_share": 0.06,
-    "grid_cells": 12,
+    **ROOMY,
 }
 
 
@@ -34,10 +34,9 @@ def test_no_id_is_lost_or_given_twice_in_a_thousand_frames_of_flight(variant):
         variant,
         width=32,
         height=32,
-        surfels=capacity,
         recycle_chance=0.4,
         recycle_unseen_frames=40,
-        **{**FLIGHT, "flight_frames": 1000},
+        **{**FLIGHT, "flight_frames": 1000, "surfels": capacity},
     )
     frames = Frames(technique)
     recycled = placed = fullest = 0
@@ -58,8 +57,8 @@ def test_no_id_is_lost_or_given_twice_in_a_thousand_frames_of_flight(variant):
 @pytest.mark.parametrize("grid", ["uniform", PERSPECTIVE])
 def test_every_visible_pixel_is_covered_at_rest(grid):
     technique = gibs(
-        furnished(), placement_chance=0.5, radius_share=0.05, grid=grid, grid_cells=16, width=48,
-        height=32, surfels=4000,
+        furnished(), placement_chance=0.5, radius_share=0.05, grid=grid, width=48, height=32,
+        **{**ROOMY, "grid_cells": 16 if grid == PERSPECTIVE else 6},
     )  # fmt: skip
     # A tile places one surfel a frame at most, half of the time, and needs about 60.
     frames = Frames(technique).run(330)
@@ -77,7 +76,7 @@ def test_every_visible_pixel_is_covered_at_rest(grid):
 def test_a_pixel_without_surface_gets_no_surfel():
     scene = furnished()
     scene.triangles[:] = scene.triangles[:, ::-1]  # all backs to the camera
-    technique = gibs(scene, placement_chance=1.0)
+    technique = gibs(scene, placement_chance=1.0, **ROOMY)
     Frames(technique).run(5)
     assert technique.life()["alive"] == 0
     assert np.all(np.isnan(technique.coverage()))
@@ -85,7 +84,7 @@ def test_a_pixel_without_surface_gets_no_surfel():
 
 def test_the_tuned_variant_repeats_itself_bit_for_bit():
     def result():
-        technique = gibs(furnished(), surfels=600, ray_guiding=True, **FLIGHT)
+        technique = gibs(furnished(), ray_guiding=True, **FLIGHT)
         Frames(technique).run(60)
         estimator = technique.device.read(technique.surfels.estimator)
         return technique.images()["frame"], estimator, ids_of(technique)[0]
@@ -95,8 +94,8 @@ def test_the_tuned_variant_repeats_itself_bit_for_bit():
 
 
 def test_another_seed_gives_other_surfels():
-    first = ids_of(gibs(furnished(), surfels=600, seed=1, **FLIGHT))
-    runs = [gibs(furnished(), surfels=600, seed=seed, **FLIGHT) for seed in (1, 2)]
+    first = ids_of(gibs(furnished(), seed=1, **FLIGHT))
+    runs = [gibs(furnished(), seed=seed, **FLIGHT) for seed in (1, 2)]
     positions = []
     for technique in runs:
         Frames(technique).run(5)
@@ -107,7 +106,7 @@ def test_another_seed_gives_other_surfels():
 
 
 def test_surfels_lie_on_the_surface_the_pixel_shows():
-    technique = gibs(furnished(), placement_chance=1.0, surfels=3000)
+    technique = gibs(furnished(), placement_chance=1.0, **ROOMY)
     Frames(technique).run(20)
     g = technique.surfels.geometry
     n = technique.life()["alive"]
@@ -130,7 +129,7 @@ def test_surfels_lie_on_the_surface_the_pixel_shows():
 
 def test_the_first_rays_reach_who_has_none():
     """A surfel placed in one frame is lit in the next: it asks for rays by its inconsistency."""
-    technique = gibs(furnished(), placement_chance=1.0, surfels=3000)
+    technique = gibs(furnished(), placement_chance=1.0, **ROOMY)
     Frames(technique).run(3)
     n = technique.life()["alive"] - technique.life()["placed"]
     ids = technique.device.read(technique.surfels.geometry.alive_ids)[:n]
@@ -140,12 +139,12 @@ def test_the_first_rays_reach_who_has_none():
 
 def test_surfels_of_a_full_house_are_recycled_and_a_half_empty_one_is_left_alone():
     settings = {**FLIGHT, "recycle_coverage": 100.0}
-    roomy = gibs(furnished(), surfels=4000, **settings)  # 30 frames place 180 or so
+    roomy = gibs(furnished(), **settings)  # 30 frames place 180 or so
     frames = Frames(roomy)
     for _ in range(30):
         frames.run()
         assert roomy.life()["recycled"] == 0
-    tight = gibs(furnished(), surfels=250, recycle_chance=0.5, **settings)
+    tight = gibs(furnished(), recycle_chance=0.5, **{**settings, "surfels": 180})
     frames = Frames(tight)
     recycled = 0
     for _ in range(80):
@@ -155,7 +154,7 @@ def test_surfels_of_a_full_house_are_recycled_and_a_half_empty_one_is_left_alone
 
 
 def test_too_much_coverage_thins_out():
-    settings = {"placement_chance": 1.0, "radius_share": 0.12, "grid_cells": 6, "surfels": 4000}
+    settings = {**ROOMY, "placement_chance": 1.0, "radius_share": 0.12}
     dense = gibs(furnished(), recycle_chance=0.0, placement_threshold=3.0, **settings)
     thinned = gibs(
         furnished(), recycle_chance=0.3, placement_threshold=3.0, recycle_coverage=2.0, **settings

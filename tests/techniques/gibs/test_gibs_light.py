@@ -2,20 +2,14 @@
 
 import numpy as np
 import pytest
-from support.gibs_scenes import Frames, box_parts, furnace, furnished, gibs, scene_of
+from support.gibs_scenes import ROOMY, Frames, box_parts, furnace, furnished, gibs, scene_of
 
 from gibench.measure.session.enqueue import prepare_passes
 from gibench.scene.environment import Environment
 from gibench.scene.model import Camera, Material, PointLight
 from gibench.techniques.registry import PUBLISHED, TUNED
 
-SETTINGS = {
-    "placement_chance": 0.5,
-    "radius_share": 0.1,
-    "grid_cells": 6,
-    "rays_per_surfel": 4.0,
-    "surfels": 1000,
-}
+SETTINGS = {**ROOMY, "placement_chance": 0.5, "radius_share": 0.1, "rays_per_surfel": 4.0}
 
 
 def settled(technique, frames, average):
@@ -160,8 +154,8 @@ def test_depth_moments_keep_light_out_of_the_dark_room():
     With room for all of them: where IDs run out before the dark room has its own, what is let
     through is not outweighed.
     """
-    assert dark_over_lit(depth_moments=False, surfels=4000) > 0.02
-    assert dark_over_lit(depth_moments=True, surfels=4000) < 0.01
+    assert dark_over_lit(depth_moments=False) > 0.02
+    assert dark_over_lit(depth_moments=True) < 0.01
 
 
 @pytest.mark.parametrize("variant", ["published", "tuned"])

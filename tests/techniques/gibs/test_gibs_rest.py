@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.gibs_scenes import Frames, furnished, gibs
+from support.gibs_scenes import ROOMY, Frames, furnished, gibs
 
 from gibench.techniques.registry import PUBLISHED, TUNED
 from gibench.techniques.technique import LOOK_EVERY, KnowsItsRest
 
 QUICK = {
+    **ROOMY,
     "radius_share": 0.1,
     "placement_chance": 1.0,
     "placement": "camera",
@@ -67,7 +68,7 @@ def test_it_rests_where_rays_place_surfels_too():
 
 
 def test_it_rests_where_every_surfel_is_in_use():
-    technique = gibs(furnished(), **QUICK, surfels=60, recycle_chance=0.0)
+    technique = gibs(furnished(), **{**QUICK, "surfels": 60}, recycle_chance=0.0)
     frames = Frames(technique)
     assert frames_to_rest(technique, frames) is not None
     assert technique.life()["free"] == 0

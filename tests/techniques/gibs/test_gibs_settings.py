@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from support.gibs_scenes import Frames, furnished, gibs
+from support.gibs_scenes import ROOMY, Frames, furnished, gibs
 from support.made import check_memory
 
 from gibench.errors import BadInput, CannotRun
@@ -74,7 +74,7 @@ def test_memory_is_declared(variant, grid, depth, size, width):
 
 
 def test_work_is_declared_for_every_pass():
-    technique = gibs(furnished(), surfels=500, placement_chance=1.0)
+    technique = gibs(furnished(), placement_chance=1.0, **ROOMY)
     Frames(technique).run(5)
     passes = {item.name: item for item in technique.passes()}
     sorting = ["transform_and_count", "prefix_sum", "finalise"]
@@ -86,7 +86,7 @@ def test_work_is_declared_for_every_pass():
 
 
 def test_no_more_rays_than_the_budget():
-    technique = gibs(furnished(), surfels=500, placement_chance=1.0, ray_budget=7)
+    technique = gibs(furnished(), placement_chance=1.0, ray_budget=7, **ROOMY)
     Frames(technique).run(12)
     assert technique.life()["alive"] > 7
     assert {p.name: p for p in technique.passes()}["irradiance"].work.rays == 7

@@ -32,7 +32,7 @@ from gibench.techniques.parts.octahedral_maps import octahedral_decode
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.srp import SPEC
 from gibench.techniques.srp.bake.data import ProbeSet
-from gibench.techniques.srp.conform_movers import probe_light, probes_told, randomise
+from gibench.techniques.srp.conform_oracle import LitPoints, probe_light, randomise
 from gibench.techniques.srp.probe_light import DEPTH_SIDE, probe_depths
 from gibench.techniques.srp.resting import resting_lightmap, resting_scene
 from gibench.techniques.srp.turns import ProbeTurns
@@ -76,24 +76,10 @@ def test_the_probes_light_anywhere(rng, size, variant):
     order = int(rng.integers(0, 8))
     _, _, bake, technique = moving_room(rng, order, 40, variant, size)
     radiance, maps = randomise(technique, bake, rng)
-    count = 500
-    position = rng.uniform((-2, 0, -1.5), (4, 2, 1.5), (count, 3)).astype(np.float32)
-    normal = rng.normal(size=(count, 3))
-    normal = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(np.float32)
-    device = technique.device
-    held = [
-        device.upload("point_positions", position),
-        device.upload("point_normals", normal),
-        device.empty("point_light", (count, 3), np.float32),
-    ]
-    launch = technique.movers.light.receivers(
-        technique._application, technique.variant.coefficients, *held
-    )
-    device.enqueue(launch, size)
-    found = device.read(held[2])
-    at, n = position.astype(np.float64), normal.astype(np.float64)
-    expected, weights = probe_light(bake, maps, radiance, at, n)
-    told = probes_told(bake, at, weights)
+    points = LitPoints.at_random(technique, rng, (-2, 0, -1.5), (4, 2, 1.5))
+    technique.device.enqueue(points.launch, size)
+    found = technique.device.read(points.light)
+    expected, weights, told = points.expected(bake, maps, radiance)
     assert told.mean() > 0.8 and (weights[told] == 0).any()
     np.testing.assert_allclose(found[told], expected[told], rtol=0, atol=2e-4 * expected.max())
 
