@@ -95,7 +95,7 @@ class Posted:
         return [pickle.loads(one) for one in Threads(2).run(posted, None, letters, open_letter)]
 
 
-BAKE = {"settings": {"srp.transport_rays": 32, "srp.relight_samples": 32}}
+BAKE = {"probes": 8, "settings": {"srp.transport_rays": 32, "srp.relight_samples": 32}}
 
 
 def test_no_result_of_quality_depends_on_the_executor(tmp_path: Path) -> None:

@@ -205,7 +205,7 @@ print(*spent)
 """
 
 
-@pytest.mark.parametrize("technique", ["srp", "direct"])
+@pytest.mark.parametrize("technique", ["srp", pytest.param("direct", marks=pytest.mark.slow)])
 def test_the_harness_costs_little_of_a_frame(technique: str, tmp_path: Path) -> None:
     """What Python computes for a frame is under 5 % of its kernels' time, at full size.
 

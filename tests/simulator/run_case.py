@@ -199,8 +199,8 @@ def image_of(case: Case) -> tuple[int, int]:
 
 
 def ran(case: Case, cache: Path) -> Technique:
-    """A technique after its frames; with groups that divide nothing, after its images too, which are
-    drawn by kernels of the frame but for the probes'.
+    """A technique after its frames; with groups that divide nothing, after its images too, which
+    kernels of the frame draw but for the probes'.
     """
     count = FRAMES_AND_TILES.get(case.technique, OF_OTHERS)[0]
     made, prepared = created(case, cache, *image_of(case))

@@ -34,7 +34,7 @@ WHOLE = Sampling(runs=1, length=1 << 20, whole=True, unroll=True)
 def test_the_convolution_is_one_whatever_its_configuration(
     row: tuple[int, ...], rng: np.random.Generator
 ) -> None:
-    side = 50  # no multiple of any block
+    side = 35  # no multiple of any block
     image = rng.random((side + 14, side + 14)).astype(np.float32)
     weights = rng.normal(size=(15, 15)).astype(np.float32)
     values = dict(zip(convolution.KEYS, row, strict=True))

@@ -15,7 +15,6 @@ from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.registry import TUNED
 from support.made import made
 
-
 # Of tests that ask for no other: kernels are compiled anew for every number of surfels and cells.
 ROOMY = {"surfels": 4000, "grid_cells": 6}
 
