@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Mapping
 from functools import cache
@@ -43,7 +44,7 @@ __kernel void sixteen_lanes(void) {}
 
 
 def build_program(context: Any, source: str, defines: Mapping[str, Define]) -> Any:
-    """Compile ``source`` in ``context`` with ``defines`` as macros.
+    """Compile ``source`` in ``context`` with those of ``defines`` as macros that it names.
 
     Raises:
         pyopencl.RuntimeError: the compiler refuses it.
@@ -55,7 +56,15 @@ def build_program(context: Any, source: str, defines: Mapping[str, Define]) -> A
     with warnings.catch_warnings():
         # Some drivers' compilers (Intel's) tell of every build that it went well.
         warnings.simplefilter("ignore", cl.CompilerWarning)
-        return program.build(options=[*_OPTIONS, *macro_options(defines)])
+        return program.build(options=[*_OPTIONS, *macro_options(named(source, defines))])
+
+
+def named(source: str, defines: Mapping[str, Define]) -> dict[str, Define]:
+    """Those of ``defines`` that ``source`` names outside comments: others change nothing that is
+    compiled, but drivers' caches would take it for another program.
+    """
+    words = set(re.findall(r"\w+", re.sub(r"//[^\n]*", "", source)))
+    return {name: value for name, value in defines.items() if name in words}
 
 
 def macro_options(defines: Mapping[str, Define]) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 // What is done per probe: relocation, classification, and the average variability.
 #include "ddgi/rays.cl"
-#include "parts/probe_gather.cl"
+#include "parts/probe_maps.cl"
+#include "parts/probe_volume.cl"
 
 // relocation: one work-item per probe.
 //   By its fixed rays: a probe inside a surface moves through the nearest back; one too near a

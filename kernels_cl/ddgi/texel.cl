@@ -1,6 +1,6 @@
 // A texel's moving average: what both variants of blending end with.
 //
-// Macros besides those of parts/probe_gather.cl: GAMMA, MAX_BACKFACES (rays on backs from which
+// Macros besides those of parts/probe_maps.cl: GAMMA, MAX_BACKFACES (rays on backs from which
 // irradiance is not updated), and where averages are of encoded values (LINEAR 0)
 // IRRADIANCE_THRESHOLD and BRIGHTNESS_THRESHOLD.
 //
@@ -8,7 +8,8 @@
 #ifndef GIBENCH_DDGI_TEXEL
 #define GIBENCH_DDGI_TEXEL
 
-#include "parts/probe_gather.cl"
+#include "parts/probe_maps.cl"
+#include "parts/probe_volume.cl"
 
 inline float luminance(float3 c)
 {

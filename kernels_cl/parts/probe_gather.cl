@@ -5,37 +5,15 @@
 // distances. Majercik et al. 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance
 // Fields", section 5; constants of RTXGI-DDGI 1.3.7.
 //
-// Macros besides those of parts/probe_volume.cl and parts/octahedral_maps.cl: IRRADIANCE_SIDE and
-// DISTANCE_SIDE (texels of a map's side without its border); DECODE_HALVES (gamma where it is a whole
-// number, else 0) and DECODE (gamma / 2); NORMAL_BIAS, VIEW_BIAS (m), VISIBILITY_FLOOR,
-// CRUSH_THRESHOLD (0: weights stay); VEC (1 as published): from 8 on, the weights of the eight probes
-// are computed at once. With PROBE_VISIBILITY 0 there is no Chebyshev test and no distance map.
-//
-// irradiance_maps  per probe (side + 2)^2 texels of 4: (half the mean incoming radiance, weighed by
-//                  the cosine)^(1/gamma), rows upwards; the fourth is not used
-// distance_maps    per probe (side + 2)^2 texels of 2: mean and mean square of the distance, in
-//                  units of max_distance, so that fp16 holds them in scenes of any size
+// Macros besides those of parts/probe_volume.cl and parts/probe_maps.cl: NORMAL_BIAS, VIEW_BIAS (m),
+// VISIBILITY_FLOOR, CRUSH_THRESHOLD (0: weights stay); VEC (1 as published): from 8 on, the weights of
+// the eight probes are computed at once.
 #ifndef GIBENCH_PROBE_GATHER
 #define GIBENCH_PROBE_GATHER
 
-#include "parts/octahedral_maps.cl"
+#include "parts/probe_maps.cl"
 #include "parts/probe_volume.cl"
 
-#ifndef PROBE_VISIBILITY
-#define PROBE_VISIBILITY 1
-#endif
-// 1: texels and probes are averaged as what they stand for. 0: texels as they are stored, probes as
-// square roots (RTXGI-DDGI 1.3.7), which is darker where they differ.
-#ifndef LINEAR
-#define LINEAR 0
-#endif
-
-#define IRRADIANCE_TEXELS (IRRADIANCE_SIDE * IRRADIANCE_SIDE)
-#define IRRADIANCE_MAP MAP_TEXELS(IRRADIANCE_SIDE)
-#if PROBE_VISIBILITY
-#define DISTANCE_TEXELS (DISTANCE_SIDE * DISTANCE_SIDE)
-#define DISTANCE_MAP MAP_TEXELS(DISTANCE_SIDE)
-#endif
 #define LEAST_TRILINEAR 0.001f
 #define LEAST_WEIGHT 1e-6f
 
@@ -46,19 +24,6 @@
 #define MAP_PARAMS __global const map_t *irradiance_maps
 #define MAP_ARGS irradiance_maps
 #endif
-
-// Stored irradiance to the square root of what it stands for.
-inline float4 decoded_root(float4 stored)
-{
-#if DECODE_HALVES
-    float4 value = DECODE_HALVES % 2 ? sqrt(stored) : (float4)(1.0f);
-    for (int i = 0; i < DECODE_HALVES / 2; ++i)
-        value *= stored;
-    return value;
-#else
-    return powr(stored, (float4)(DECODE));
-#endif
-}
 
 // How far from the surface a gather is done, along the normal and towards the viewer.
 inline float3 surface_bias(float3 normal, float3 towards_viewer)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gibench.device import SIMT, WIDE, Device, MemoryLedger, kernel_source
-from gibench.device.build import preferred_layout, width_of
+from gibench.device.build import named, preferred_layout, width_of
 from gibench.device.choice import trial
 from gibench.device.selection import list_devices, select_cl_device
 from gibench.errors import BadInput, CannotRun, GibenchError
@@ -151,6 +151,13 @@ def test_the_executing_devices_own_limits_bind_too(kernels: Path) -> None:
     assert "this kernel allows" in str(device.launch_problem(plain, over))
     too_much = int(device.cl_device.local_mem_size) + 1
     assert "device's own limit" in str(device.launch_problem(plain, 32, too_much))
+
+
+def test_a_program_is_built_with_the_macros_that_it_names() -> None:
+    source = "#if DEEP // SHALLOW\nint f(int a) { return WIDE + a * NARROWER; }\n#endif"
+    given = {"DEEP": 1, "SHALLOW": 2, "WIDE": 0.5, "NARROW": True, "WID": 3}
+    assert named(source, given) == {"DEEP": 1, "WIDE": 0.5}
+    assert named("", given) == {}
 
 
 def test_programs_are_built_once_per_set_of_defines(kernels: Path) -> None:

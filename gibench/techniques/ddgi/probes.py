@@ -16,12 +16,12 @@ from gibench.techniques.parts.probe_volume import Volume
 
 
 def irradiance_maps(settings: DdgiSettings) -> OctahedralMaps:
-    """Of every probe (kernels_cl/parts/probe_gather.cl)."""
+    """Of every probe (kernels_cl/parts/probe_maps.cl)."""
     return OctahedralMaps(settings.irradiance_texels, 4, settings.storage)
 
 
 def distance_maps(settings: DdgiSettings) -> OctahedralMaps:
-    """Of every probe (kernels_cl/parts/probe_gather.cl)."""
+    """Of every probe (kernels_cl/parts/probe_maps.cl)."""
     return OctahedralMaps(settings.distance_texels, 2, settings.storage)
 
 
