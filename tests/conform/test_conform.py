@@ -6,8 +6,11 @@ import json
 import re
 import shutil
 import sys
+from collections import defaultdict
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +33,27 @@ def test_every_kernel_has_an_oracle() -> None:
     assert covered == there
 
 
-@pytest.mark.parametrize("name", sorted(cases()))
+def checked_by(case: Case) -> Any:
+    """The function behind a case, which several variants of a kernel share."""
+    check = case.check
+    while isinstance(check, partial):
+        check = check.func
+    return check
+
+
+def one_of_each() -> list[Any]:
+    """Cases of every function that checks: one variant of each in turn, the others slow."""
+    found = defaultdict(list)
+    for name, case in sorted(cases().items()):
+        found[checked_by(case)].append(name)
+    return [
+        pytest.param(name, marks=() if k == n % len(names) else pytest.mark.slow)
+        for n, names in enumerate(found.values())
+        for k, name in enumerate(names)
+    ]
+
+
+@pytest.mark.parametrize("name", one_of_each())
 def test_a_case_runs_the_kernels_that_it_names(name: str, rng: np.random.Generator) -> None:
     case = cases()[name]
     ran = record_kernels()
