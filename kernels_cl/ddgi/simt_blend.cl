@@ -2,12 +2,11 @@
 //
 // The lists of rays are the same. A texel's list is made by a work-group, which fetches and stores
 // what lies side by side. The products are made by groups of any size for LANES probes by TEXELS
-// texels: neighbouring work-items are neighbouring probes, whose rays lie beside each other, and once
-// they have their sums they change places in local memory, so that neighbours then are neighbouring
-// texels of one map. Macros: LANES, TEXELS.
+// texels: one texel after the other, whose list all work-items read, while neighbours are neighbouring
+// probes, whose rays lie beside each other. Once they have their sums they change places in local
+// memory, so that neighbours then are neighbouring texels of one map. Macros: LANES, TEXELS.
 #include "ddgi/rays.cl"
 #include "ddgi/texel.cl"
-#include "parts/scan.cl"
 
 #define LIST_STEP 4
 #define LIST_LENGTH ((BLENDED + LIST_STEP - 1) / LIST_STEP * LIST_STEP)
@@ -16,11 +15,11 @@
 //   The rays whose cosine with the texel's direction is above `least`, in their order, and their
 //   weights: the cosine itself, or the power of it that distances are weighed by where `sharp`.
 // lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
-// staged: 3 floats per work-item. partial: 2 words per work-item.
+// staged: 3 floats per work-item. counted: a word per work-item.
 __kernel void blend_weights(__global const float *directions, int side, int sharp, float least,
                             __global int *lengths, __global int *list_rays,
                             __global float *list_weights, __local float *staged,
-                            __local uint *partial)
+                            __local uint *counted)
 {
     const int item = get_local_id(0), size = get_local_size(0), texel = get_group_id(0);
     const float3 towards = texel_direction(texel, side);
@@ -35,16 +34,21 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
         const int at = 3 * min(item, count - 1);
         const float cosine = dot(towards, (float3)(staged[at], staged[at + 1], staged[at + 2]));
         const bool counts = item < count && cosine > least;
-        const uint place = scan_group(counts ? 1u : 0u, partial);
-        if (counts) {
-            own_rays[length + place - 1] = first + item;
-            own_weights[length + place - 1] = sharp ? cosine_power(cosine) : cosine;
+        counted[item] = counts ? 1u : 0u;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        // Each adds up the others', all reading the same one: two barriers, where a scan takes more
+        // than its additions.
+        int before = 0, all = 0;
+        for (int other = 0; other < size; ++other) {
+            const int one = counted[other];
+            before += other < item ? one : 0;
+            all += one;
         }
-        barrier(CLK_LOCAL_MEM_FENCE);
-        if (item == size - 1)
-            partial[0] = place;
-        barrier(CLK_LOCAL_MEM_FENCE);
-        length += partial[0];
+        if (counts) {
+            own_rays[length + before] = first + item;
+            own_weights[length + before] = sharp ? cosine_power(cosine) : cosine;
+        }
+        length += all;
         barrier(CLK_LOCAL_MEM_FENCE);
     }
     const int whole = (length + LIST_STEP - 1) / LIST_STEP * LIST_STEP;
@@ -58,15 +62,6 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
 
 // The sums of a group.
 #define GROUP_SUMS (LANES * TEXELS)
-
-// Probe and texel of the k-th; false past the ends, and where the probe is not active.
-inline bool sums_for(__global const float4 *probe_data, int texels, int k, int *probe, int *texel)
-{
-    const int tiles = (texels + TEXELS - 1) / TEXELS;
-    *probe = (int)get_group_id(0) / tiles * LANES + k % LANES;
-    *texel = (int)get_group_id(0) % tiles * TEXELS + k / LANES;
-    return *texel < texels && *probe < PROBES && (probe_state(probe_data, *probe) & PROBE_ACTIVE);
-}
 
 // Sums lie in local memory in rows of SUM_ROW, a probe beside the other: neighbours that read TEXELS
 // rows in turns are on different ones of 32 banks.
@@ -87,10 +82,13 @@ inline bool writes_for(__global const float4 *probe_data, int texels, int k, int
     return state & PROBE_ACTIVE;
 }
 
-// The rows of a probe's rays.
-inline __global const float *ray_planes(__global const float *rays, int probe)
+// The first probe and texel of a group.
+#define group_probe(texels) ((int)get_group_id(0) / (((texels) + TEXELS - 1) / TEXELS) * LANES)
+#define group_texel(texels) ((int)get_group_id(0) % (((texels) + TEXELS - 1) / TEXELS) * TEXELS)
+
+inline bool is_active(__global const float4 *probe_data, int probe)
 {
-    return rays + (size_t)(probe / LANES) * BLENDED * (RAY_PLANES * LANES) + probe % LANES;
+    return probe < PROBES && (probe_state(probe_data, probe) & PROBE_ACTIVE);
 }
 
 #define PLANE (TEXELS * SUM_ROW)
@@ -104,44 +102,51 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                                __global float *variability, __global int *accepted,
                                __local float *sums)
 {
-    const int item = get_local_id(0), size = get_local_size(0);
-    int probe, texel, at;
-    bool fresh;
-    for (int k = item; k < GROUP_SUMS; k += size) {
-        if (!sums_for(probe_data, IRRADIANCE_TEXELS, k, &probe, &texel))
-            continue;
-        __global const float *planes = ray_planes(rays, probe);
+    // Not ints: see srp/simt_projection.cl.
+    const size_t item = get_local_id(0), size = get_local_size(0);
+    const int first = group_probe(IRRADIANCE_TEXELS), begin = group_texel(IRRADIANCE_TEXELS);
+    const int end = min(begin + TEXELS, IRRADIANCE_TEXELS);
+    __global const float *planes = rays + (size_t)first * (BLENDED * RAY_PLANES);
+    for (int texel = begin; texel < end; ++texel) {
         __global const int *own_rays = list_rays + texel * LIST_LENGTH;
         __global const float *own_weights = list_weights + texel * LIST_LENGTH;
         const int length = lengths[texel];
-        float red = 0.0f, green = 0.0f, blue = 0.0f, weights = 0.0f;
-        float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f, weights1 = 0.0f;
-        for (int i = 0; i < length; i += 2) {
-            __global const float *row = planes + own_rays[i] * (RAY_PLANES * LANES);
-            __global const float *row1 = planes + own_rays[i + 1] * (RAY_PLANES * LANES);
-            const float w = own_weights[i], w1 = own_weights[i + 1];
-            red += w * row[0];
-            green += w * row[LANES];
-            blue += w * row[2 * LANES];
-            weights += w * row[3 * LANES];
-            red1 += w1 * row1[0];
-            green1 += w1 * row1[LANES];
-            blue1 += w1 * row1[2 * LANES];
-            weights1 += w1 * row1[3 * LANES];
+        __local float *own_sums = sums + (texel - begin) * SUM_ROW;
+        for (size_t turn = 0; turn < LANES; turn += size) {
+            const size_t lane = turn + item;
+            if (lane >= LANES || !is_active(probe_data, first + (int)lane))
+                continue;
+            float red = 0.0f, green = 0.0f, blue = 0.0f, weights = 0.0f;
+            float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f, weights1 = 0.0f;
+            for (int i = 0; i < length; i += 2) {
+                __global const float *row = planes + own_rays[i] * (RAY_PLANES * LANES);
+                __global const float *row1 = planes + own_rays[i + 1] * (RAY_PLANES * LANES);
+                const float w = own_weights[i], w1 = own_weights[i + 1];
+                red += w * row[lane];
+                green += w * row[LANES + lane];
+                blue += w * row[2 * LANES + lane];
+                weights += w * row[3 * LANES + lane];
+                red1 += w1 * row1[lane];
+                green1 += w1 * row1[LANES + lane];
+                blue1 += w1 * row1[2 * LANES + lane];
+                weights1 += w1 * row1[3 * LANES + lane];
+            }
+            const float scale = 0.5f / fmax(weights + weights1, LEAST_WEIGHTS);
+            own_sums[lane] = sample_of((red + red1) * scale);
+            own_sums[PLANE + lane] = sample_of((green + green1) * scale);
+            own_sums[2 * PLANE + lane] = sample_of((blue + blue1) * scale);
         }
-        const float scale = 0.5f / fmax(weights + weights1, LEAST_WEIGHTS);
-        at = k / LANES * SUM_ROW + k % LANES;
-        sums[at] = sample_of((red + red1) * scale);
-        sums[PLANE + at] = sample_of((green + green1) * scale);
-        sums[2 * PLANE + at] = sample_of((blue + blue1) * scale);
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int k = item; k < GROUP_SUMS; k += size)
+    for (int k = (int)item; k < GROUP_SUMS; k += (int)size) {
+        int probe, texel, at;
+        bool fresh;
         if (writes_for(probe_data, IRRADIANCE_TEXELS, k, &probe, &texel, &at, &fresh))
             update_irradiance(probe, texel,
                               (float3)(sums[at], sums[PLANE + at], sums[2 * PLANE + at]),
                               backs[probe], fresh, frame_table, irradiance_maps, variability,
                               accepted);
+    }
 }
 
 // blend_distance: one work-group per LANES probes and TEXELS texels.
@@ -151,38 +156,45 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                              __global const float *rays, __global const uint *frame_table,
                              __global map_t *distance_maps, __local float *sums)
 {
-    const int item = get_local_id(0), size = get_local_size(0);
-    int probe, texel, at;
-    bool fresh;
-    for (int k = item; k < GROUP_SUMS; k += size) {
-        if (!sums_for(probe_data, DISTANCE_TEXELS, k, &probe, &texel))
-            continue;
-        __global const float *planes = ray_planes(rays, probe) + 4 * LANES;
+    // Not ints: see srp/simt_projection.cl.
+    const size_t item = get_local_id(0), size = get_local_size(0);
+    const int first = group_probe(DISTANCE_TEXELS), begin = group_texel(DISTANCE_TEXELS);
+    const int end = min(begin + TEXELS, DISTANCE_TEXELS);
+    __global const float *planes = rays + (size_t)first * (BLENDED * RAY_PLANES) + 4 * LANES;
+    for (int texel = begin; texel < end; ++texel) {
         __global const int *own_rays = list_rays + texel * LIST_LENGTH;
         __global const float *own_weights = list_weights + texel * LIST_LENGTH;
         const int length = lengths[texel];
-        float mean[LIST_STEP], square[LIST_STEP], weights = 0.0f;
+        __local float *own_sums = sums + (texel - begin) * SUM_ROW;
+        for (size_t turn = 0; turn < LANES; turn += size) {
+            const size_t lane = turn + item;
+            if (lane >= LANES || !is_active(probe_data, first + (int)lane))
+                continue;
+            float mean[LIST_STEP], square[LIST_STEP], weights = 0.0f;
 #pragma unroll
-        for (int k = 0; k < LIST_STEP; ++k)
-            mean[k] = square[k] = 0.0f;
-        for (int i = 0; i < length; i += LIST_STEP) {
+            for (int k = 0; k < LIST_STEP; ++k)
+                mean[k] = square[k] = 0.0f;
+            for (int i = 0; i < length; i += LIST_STEP) {
 #pragma unroll
-            for (int k = 0; k < LIST_STEP; ++k) {
-                __global const float *row = planes + own_rays[i + k] * (RAY_PLANES * LANES);
-                const float w = own_weights[i + k];
-                mean[k] += w * row[0];
-                square[k] += w * row[LANES];
-                weights += w;
+                for (int k = 0; k < LIST_STEP; ++k) {
+                    __global const float *row = planes + own_rays[i + k] * (RAY_PLANES * LANES);
+                    const float w = own_weights[i + k];
+                    mean[k] += w * row[lane];
+                    square[k] += w * row[LANES + lane];
+                    weights += w;
+                }
             }
+            own_sums[lane] = (mean[0] + mean[1]) + (mean[2] + mean[3]);
+            own_sums[PLANE + lane] = (square[0] + square[1]) + (square[2] + square[3]);
+            own_sums[2 * PLANE + lane] = weights;
         }
-        at = k / LANES * SUM_ROW + k % LANES;
-        sums[at] = (mean[0] + mean[1]) + (mean[2] + mean[3]);
-        sums[PLANE + at] = (square[0] + square[1]) + (square[2] + square[3]);
-        sums[2 * PLANE + at] = weights;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int k = item; k < GROUP_SUMS; k += size)
+    for (int k = (int)item; k < GROUP_SUMS; k += (int)size) {
+        int probe, texel, at;
+        bool fresh;
         if (writes_for(probe_data, DISTANCE_TEXELS, k, &probe, &texel, &at, &fresh))
             update_distance(probe, texel, (float2)(sums[at], sums[PLANE + at]),
                             sums[2 * PLANE + at], fresh, frame_table, distance_maps);
+    }
 }

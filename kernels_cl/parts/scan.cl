@@ -70,11 +70,12 @@ __kernel void scan_add(__global uint *prefix, __global const uint *length,
 // work-item must call it.
 inline uint scan_group(uint value, __local uint *partial)
 {
-    const int item = get_local_id(0), size = get_local_size(0);
-    int from = 0, to = size;
+    // Not ints: see srp/simt_projection.cl.
+    const size_t item = get_local_id(0), size = get_local_size(0);
+    size_t from = 0, to = size;
     partial[item] = value;
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int step = 1; step < size; step *= 2) {
+    for (size_t step = 1; step < size; step *= 2) {
         partial[to + item] = partial[from + item] + (item >= step ? partial[from + item - step] : 0);
         barrier(CLK_LOCAL_MEM_FENCE);
         from = size - from;
@@ -96,10 +97,10 @@ inline uint scan_item_sum(__global const uint *values, uint first, uint n)
 // The sum of a share of the block's values, neighbours' work-items' beside each other.
 inline uint scan_share_sum(__global const uint *values, uint block, uint n)
 {
-    const uint size = get_local_size(0), end = min(block + size * SCAN_ITEMS, n);
+    const size_t item = get_local_id(0), size = get_local_size(0);
     uint sum = 0;
-    for (uint i = block + get_local_id(0); i < end; i += size)
-        sum += values[i];
+    for (size_t turn = block; turn < block + size * SCAN_ITEMS; turn += size)
+        sum += turn + item < n ? values[turn + item] : 0u;
     return sum;
 }
 
@@ -152,15 +153,15 @@ __kernel void scan_blocks(__global const uint *values, __global const uint *leng
 {
     const uint n = length[0];
 #if STAGED
-    const uint item = get_local_id(0), size = get_local_size(0);
-    const uint block = get_group_id(0) * size * SCAN_ITEMS;
+    const size_t item = get_local_id(0), size = get_local_size(0);
+    const size_t block = get_group_id(0) * size * SCAN_ITEMS;
     __local uint *staged = partial + 2 * size;
     __local uint *own = staged + item * (STAGED + 1);
     uint carry = sums[get_group_id(0)];
     for (int turn = 0; turn < SCAN_ITEMS / STAGED; ++turn) {
-        const uint first = block + turn * size * STAGED;
-        for (uint i = item; i < size * STAGED; i += size)
-            staged[STAGED_AT(i)] = first + i < n ? values[first + i] : 0;
+        const size_t first = block + turn * size * STAGED;
+        for (size_t k = 0; k < size * STAGED; k += size)
+            staged[STAGED_AT(k + item)] = first + k + item < n ? values[first + k + item] : 0;
         barrier(CLK_LOCAL_MEM_FENCE);
         uint sum = 0;
         for (int i = 0; i < STAGED; ++i)
@@ -175,9 +176,9 @@ __kernel void scan_blocks(__global const uint *values, __global const uint *leng
         barrier(CLK_LOCAL_MEM_FENCE);
         if (item == size - 1)
             partial[0] = running;
-        for (uint i = item; i < size * STAGED; i += size)
-            if (first + i < n)
-                prefix[first + i] = staged[STAGED_AT(i)];
+        for (size_t k = 0; k < size * STAGED; k += size)
+            if (first + k + item < n)
+                prefix[first + k + item] = staged[STAGED_AT(k + item)];
         barrier(CLK_LOCAL_MEM_FENCE);
         carry = partial[0];
         barrier(CLK_LOCAL_MEM_FENCE);

@@ -1,85 +1,98 @@
-// Cluster projection for devices that run work-items in lockstep: a work-group per block of rows,
-// neighbours on neighbouring columns, sums added up in local memory.
-// Macros: STORAGE, COEFFICIENTS (of a probe), TEAM (the work-group's size), BLOCK_ROWS (rows of a
-// block at most), ROW_UNIT (values in ROW_BYTES).
+// Cluster projection for devices that run work-items in lockstep: a work-item per row, neighbours on
+// neighbouring rows, no barrier and no local memory.
+// Macros: STORAGE, COEFFICIENTS (of a probe), TEAM (the work-group's size: rows of a tile).
+//
+// Where rows are few they fill no GPU (Sponza's 24 of a cluster: 30,000 work-items), so the columns of
+// a tile are cut into pieces of some probes, a work-group each; a second kernel adds their sums up. A
+// cluster has up to 32 rows: a wave of 64 works with half of its lanes, and waits for memory all the same.
 #define VEC 1
 #include "common/vec.cl"
 #include "srp/storage.cl"
 
-// A block's row of `blocks`, BLOCK_INTS ints.
-#define BLOCK_INTS 5
-#define FIRST_VALUE 0 // in units of ROW_UNIT values: every row begins a cache line
-#define FIRST_ROW 1   // of the light basis vectors
-#define ROWS 2        // 1 to BLOCK_ROWS
-#define FIRST_PROBE 3 // in `probes`
-#define PROBES 4
+// A piece's row of `pieces`, PIECE_INTS ints.
+#define PIECE_INTS 4
+#define FIRST_WORD 0  // of the matrix
+#define FIRST_PROBE 1 // in `probes`
+#define PROBES 2
+#define STRIDE 3 // words of a step: the tile's rows and their padding
 
-#define SUMS (3 * BLOCK_ROWS)
+// Words of a probe and row.
+#define PROBE_STEPS ((COEFFICIENTS + 1) / 2 * PAIR_WORDS)
 
-// Adds a column's products. Rows that a block lacks are its last one again; nobody stores them.
-inline void add_column(float *sums, __global const float *light, __global const stored_t *value,
-                       int stride, int rows)
+// cluster_projection: one work-item per row of a tile, one work-group per piece of its columns.
+//   partial[piece][channel][row] = sum over the piece's probes and their coefficients of
+//                                  projection[row][probe, coefficient] * lambda[probe][coefficient]
+// Two columns a step, for each of which all work-items read the same three floats of lambda. Where a
+// step's words end the next step's begin, so neighbours' words fill whole cache lines.
+//   probes  the clusters' probes      lambda  (probes, 3, COEFFICIENTS)
+__kernel void cluster_projection(__global const int *pieces, __global const int *probes,
+                                 __global const word_t *projection,
+                                 __global const float *lambda, __global float *partial)
 {
-    const float red = light[0], green = light[COEFFICIENTS], blue = light[2 * COEFFICIENTS];
-#pragma unroll
-    for (int k = 0; k < BLOCK_ROWS; ++k) {
-        const float m = stored_value(value + min(k, rows - 1) * stride);
-        sums[3 * k] += m * red;
-        sums[3 * k + 1] += m * green;
-        sums[3 * k + 2] += m * blue;
+    // Not an int: a compiler that makes vectors of work-items must know that neighbours' addresses
+    // are neighbours, which a sum of ints that may wrap around does not say.
+    const size_t item = get_local_id(0);
+    __global const int *piece = pieces + PIECE_INTS * get_group_id(0);
+    __global const word_t *words = projection + piece[FIRST_WORD];
+    __global const int *probe = probes + piece[FIRST_PROBE];
+    const int count = piece[PROBES], stride = piece[STRIDE];
+    if (item >= (size_t)stride)
+        return;
+    float red = 0.0f, green = 0.0f, blue = 0.0f, red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f;
+    for (int p = 0; p < count; ++p) {
+        __global const float *light = lambda + (size_t)probe[p] * 3 * COEFFICIENTS;
+        __global const word_t *step = words + (size_t)(p * PROBE_STEPS * stride);
+        for (int j = 0; j < COEFFICIENTS / 2; ++j) {
+            // Both lines of a step; for all work-items of a vector at once, as the address is theirs.
+            FETCH_AHEAD(step + j * PAIR_WORDS * stride, 2 * CACHE_LINE)
+            const pair_t pair = pair_at(step, j, stride, item);
+            const float m = pair_first(pair), n = pair_second(pair);
+            red += m * light[2 * j];
+            green += m * light[COEFFICIENTS + 2 * j];
+            blue += m * light[2 * COEFFICIENTS + 2 * j];
+            red1 += n * light[2 * j + 1];
+            green1 += n * light[COEFFICIENTS + 2 * j + 1];
+            blue1 += n * light[2 * COEFFICIENTS + 2 * j + 1];
+        }
+#if COEFFICIENTS % 2
+        const float m = pair_first(pair_at(step, COEFFICIENTS / 2, stride, item));
+        red += m * light[COEFFICIENTS - 1];
+        green += m * light[2 * COEFFICIENTS - 1];
+        blue += m * light[3 * COEFFICIENTS - 1];
+#endif
     }
+    __global float *sums = partial + (size_t)get_group_id(0) * (3 * TEAM);
+    sums[item] = red + red1;
+    sums[TEAM + item] = green + green1;
+    sums[2 * TEAM + item] = blue + blue1;
 }
 
-// cluster_projection: one work-group per block of up to BLOCK_ROWS rows of one cluster.
-//   basis[row] = scale[row] * sum over the cluster's probes and their coefficients of
-//                projection[row][probe, coefficient] * lambda[probe][coefficient]
-// A value of lambda that is read serves all rows of the block.
-//   probes  the clusters' probes      lambda  (probes, 3, COEFFICIENTS)
-//   scale   (rows,)                   basis   (rows, 3) the light basis vectors of all clusters
-//   partial local, SUMS * TEAM floats
-__kernel void cluster_projection(__global const int *blocks, __global const int *probes,
-                                 __global const stored_t *projection,
-                                 __global const float *scale, __global const float *lambda,
-                                 __global float *basis, __local float *partial)
+// A tile's row of `row_tiles`, ROW_TILE_INTS ints.
+#define ROW_TILE_INTS 4
+#define FIRST_ROW 0 // of the light basis vectors
+#define ROWS 1
+#define FIRST_PIECE 2
+#define PIECES 3
+
+// add_pieces: one work-item per row of a tile, one work-group per tile.
+//   basis[row] = scale[row] * sum over the tile's pieces of partial[piece][row]
+//   scale (rows,)      basis (rows, 4) the light basis vectors of all clusters, the fourth 0
+__kernel void add_pieces(__global const int *row_tiles, __global const float *partial,
+                         __global const float *scale, __global float *basis)
 {
-    const int item = get_local_id(0);
-    __global const int *block = blocks + BLOCK_INTS * get_group_id(0);
-    const int first = block[FIRST_ROW], rows = block[ROWS];
-    const int columns = block[PROBES] * COEFFICIENTS;
-    const int stride = (columns + ROW_UNIT - 1) / ROW_UNIT * ROW_UNIT;
-    __global const stored_t *value = projection + (size_t)block[FIRST_VALUE] * ROW_UNIT;
-    __global const int *probe = probes + block[FIRST_PROBE];
-    float sums[SUMS];
-#pragma unroll
-    for (int k = 0; k < SUMS; ++k)
-        sums[k] = 0.0f;
-#if COEFFICIENTS % TEAM == 0
-    // All work-items are in the same probe: a compiler that makes vectors of work-items sees that
-    // they read neighbouring addresses.
-    for (int p = 0; p < block[PROBES]; ++p) {
-        __global const float *light = lambda + (size_t)probe[p] * 3 * COEFFICIENTS;
-        for (int j = item; j < COEFFICIENTS; j += TEAM)
-            add_column(sums, light + j, value + p * COEFFICIENTS + j, stride, rows);
+    const size_t item = get_local_id(0);
+    __global const int *tile = row_tiles + ROW_TILE_INTS * get_group_id(0);
+    __global const float *sums = partial + (size_t)tile[FIRST_PIECE] * (3 * TEAM);
+    const int pieces = tile[PIECES];
+    if (item >= (size_t)tile[ROWS])
+        return;
+    float red = 0.0f, green = 0.0f, blue = 0.0f;
+    for (int k = 0; k < pieces; ++k) {
+        red += sums[(size_t)(3 * k * TEAM) + item];
+        green += sums[(size_t)((3 * k + 1) * TEAM) + item];
+        blue += sums[(size_t)((3 * k + 2) * TEAM) + item];
     }
-#else
-    for (int c = item; c < columns; c += TEAM) {
-        __global const float *light = lambda + (size_t)probe[c / COEFFICIENTS] * 3 * COEFFICIENTS;
-        add_column(sums, light + c % COEFFICIENTS, value + c, stride, rows);
-    }
-#endif
-#pragma unroll
-    for (int k = 0; k < SUMS; ++k)
-        partial[k * TEAM + item] = sums[k];
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int left = TEAM; left > 1; left = (left + 1) / 2) {
-        const int upper = (left + 1) / 2;
-        if (item + upper < left) {
-#pragma unroll
-            for (int k = 0; k < SUMS; ++k)
-                partial[k * TEAM + item] += partial[k * TEAM + item + upper];
-        }
-        barrier(CLK_LOCAL_MEM_FENCE);
-    }
-    for (int k = item; k < 3 * rows; k += TEAM)
-        basis[3 * (size_t)first + k] = scale[first + k / 3] * partial[k * TEAM];
+    const float factor = (scale + tile[FIRST_ROW])[item];
+    vstore4((float4)(red * factor, green * factor, blue * factor, 0.0f), item,
+            basis + 4 * (size_t)tile[FIRST_ROW]);
 }

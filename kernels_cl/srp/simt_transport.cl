@@ -12,45 +12,55 @@
 
 // A tile's row of `tiles`, TILE_INTS ints.
 #define TILE_INTS 3
-#define FIRST_VALUE 0 // in units of TILE values
+#define FIRST_VALUE 0 // in units of TILE words
 #define FIRST_ROW 1   // of the light basis vectors
 #define ROWS 2        // light basis vectors
 
 // irradiance_transport: one work-item per receiver, one work-group per tile.
 //   component[receiver] = sum over light basis vectors of
 //                         reconstruction[j, component][receiver] * basis[j]
-// The reconstruction matrix is transposed within tiles: TILE receivers side by side, component after
-// component and one light basis vector after the other. The tile is the group's, so that all its
-// work-items loop alike.
+// The reconstruction matrix is transposed within tiles: of each component one pair of light basis
+// vectors after the other (srp/storage.cl), TILE receivers side by side. The tile is the group's, so
+// that all its work-items loop alike and read the same floats of `basis`.
+//   basis     (rows, 4)
 //   texel     (tiles * TILE,) of the receivers; -1 where a cluster's last tile is not full
 //   indirect  lightmap of the signal (common/lightmap.cl), W/m2
 __kernel void irradiance_transport(__global const int *tiles,
-                                   __global const stored_t *reconstruction,
+                                   __global const word_t *reconstruction,
                                    __global const int *texel, __global const float *basis,
-                                   __global float4 *indirect)
+                                   __global float *indirect)
 {
-    const int lane = get_local_id(0);
+    // Not an int: see srp/simt_projection.cl.
+    const size_t lane = get_local_id(0);
     __global const int *tile = tiles + TILE_INTS * get_group_id(0);
-    __global const stored_t *value = reconstruction + (size_t)tile[FIRST_VALUE] * TILE + lane;
-    __global const float *light = basis + 3 * (size_t)tile[FIRST_ROW];
+    __global const word_t *words = reconstruction + (size_t)tile[FIRST_VALUE] * TILE;
+    __global const float *light = basis + 4 * (size_t)tile[FIRST_ROW];
     const int rows = tile[ROWS];
-    float red[COMPONENTS], green[COMPONENTS], blue[COMPONENTS];
-#pragma unroll
-    for (int c = 0; c < COMPONENTS; ++c)
-        red[c] = green[c] = blue[c] = 0.0f;
-    for (int j = 0; j < rows; ++j) {
-#pragma unroll
-        for (int c = 0; c < COMPONENTS; ++c) {
-            const float m = stored_value(value + (COMPONENTS * j + c) * TILE);
-            red[c] += m * light[3 * j];
-            green[c] += m * light[3 * j + 1];
-            blue[c] += m * light[3 * j + 2];
+    const int component_words = (rows + 1) / 2 * (PAIR_WORDS * TILE);
+    const int at = texel[(size_t)get_group_id(0) * TILE + lane];
+    for (int c = 0; c < COMPONENTS; ++c) {
+        __global const word_t *step = words + (size_t)(c * component_words);
+        float red = 0.0f, green = 0.0f, blue = 0.0f, red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f;
+        for (int j = 0; j < rows / 2; ++j) {
+            const pair_t pair = pair_at(step, j, TILE, lane);
+            const float m = pair_first(pair), n = pair_second(pair);
+            red += m * light[8 * j];
+            green += m * light[8 * j + 1];
+            blue += m * light[8 * j + 2];
+            red1 += n * light[8 * j + 4];
+            green1 += n * light[8 * j + 5];
+            blue1 += n * light[8 * j + 6];
         }
+        if (rows % 2) {
+            const float m = pair_first(pair_at(step, rows / 2, TILE, lane));
+            red += m * light[4 * rows - 4];
+            green += m * light[4 * rows - 3];
+            blue += m * light[4 * rows - 2];
+        }
+        // One store of 16 bytes each. An assignment is taken apart into a scatter of floats where
+        // vectors are made of work-items.
+        if (at >= 0)
+            vstore4((float4)(red + red1, green + green1, blue + blue1, 1.0f),
+                    (size_t)COMPONENTS * at + c, indirect);
     }
-    const int at = texel[get_group_id(0) * TILE + lane];
-    if (at < 0)
-        return;
-#pragma unroll
-    for (int c = 0; c < COMPONENTS; ++c)
-        indirect[(size_t)COMPONENTS * at + c] = (float4)(red[c], green[c], blue[c], 1.0f);
 }

@@ -63,9 +63,9 @@ typedef short stored_t; // the bits of a half
 // keep as busy as the memory, waiting. One core of Zen 4, Sponza's sizes, fp16: projection 3.3 ms
 // without, 2.3 ms with, 3.5 ms into the first level; fp32 gains nothing. A hint: what lies behind
 // the matrix's end is not touched.
+#define CACHE_LINE 64
 #if STORAGE != STORAGE_FP32 && defined(__x86_64__) && defined(__clang__)
 #define STREAM_AHEAD 16384
-#define CACHE_LINE 64
 #define FETCH_AHEAD(p, BYTES)                                                     \
     _Pragma("unroll") for (int line = 0; line < (int)(BYTES); line += CACHE_LINE) \
         __builtin_prefetch((__global const char *)(p) + STREAM_AHEAD + line, 0, 2);
@@ -73,12 +73,31 @@ typedef short stored_t; // the bits of a half
 #define FETCH_AHEAD(p, BYTES)
 #endif
 
-// One value by arithmetic alone, which vectorises over work-items on every runtime: Intel's for CPUs
-// calls a function for each vload_half.
-#if STORAGE == STORAGE_FP16
-#define stored_value(p) (as_float(((int)*(p) << 13) & (int)0x8fffe000) * 0x1p112f)
+// Pairs of values in 4-byte words, for work-items side by side: a step is a word for each of `stride`
+// work-items. Of 16 bits a word is a pair; of 32 bits a pair is two steps. By arithmetic alone, which
+// vectorises over work-items on every runtime: Intel's for CPUs calls a function for each vload_half.
+#if STORAGE == STORAGE_FP32
+typedef float word_t;
+typedef float2 pair_t;
+#define PAIR_WORDS 2
+#define pair_at(p, j, stride, item)                         \
+    ((float2)((p)[(size_t)(2 * (j) * (stride)) + (item)],   \
+              (p)[(size_t)((2 * (j) + 1) * (stride)) + (item)]))
+#define pair_first(pair) ((pair).x)
+#define pair_second(pair) ((pair).y)
 #else
-#define stored_value(p) stored_scalar(p)
+typedef int word_t;
+typedef int pair_t;
+#define PAIR_WORDS 1
+#define pair_at(p, j, stride, item) ((p)[(size_t)((j) * (stride)) + (item)])
+#if STORAGE == STORAGE_SNORM16
+#define pair_first(pair) ((float)(((pair) << 16) >> 16))
+#define pair_second(pair) ((float)((pair) >> 16))
+#else
+#define half_of(bits) (as_float((bits) & (int)0x8fffe000) * 0x1p112f)
+#define pair_first(pair) half_of(((pair) << 16) >> 3)
+#define pair_second(pair) half_of((pair) >> 3)
+#endif
 #endif
 
 // Sum of all lanes, pairwise.

@@ -1,7 +1,8 @@
 // The caches' light from their links where work-items run in lockstep: a group for each cache, whose
 // work-items are its links, so that neighbours read neighbouring halves. Each keeps the sums of its
-// links; the group adds them up in local memory. Links lie as for tuned_cache_lighting.cl. Macros: those
-// of links.cl.
+// links; the group adds them up in local memory, in halves. A work-item for each cache would need no
+// sum, but caches are a few thousand, which fill no GPU. Links lie as for tuned_cache_lighting.cl.
+// Macros: those of links.cl.
 #include "surfel_cache/caps.cl"
 #include "surfel_cache/links.cl"
 
@@ -12,57 +13,61 @@ inline float half_bits(ushort bits)
     return as_float((((int)(short)bits) << 13) & (int)0x8fffe000) * 0x1p112f;
 }
 
-// cache_lighting: one work-group per cache, the first of them `first`; partial: COEFFICIENTS
-// rows of 3 x (1 + work-items) floats.
+// cache_lighting: one work-group per cache, the first of them `first`; partial: 3 * COEFFICIENTS rows
+// of a float per work-item.
 __kernel void cache_lighting(__global const uint *node_flux, LINK_PARAMS,
                              ENVIRONMENT_LIGHT_PARAM __global const int *cache_place, int first,
                              int count, float unscale, __global ushort *caches,
                              __local float *partial)
 {
-    const int lane = get_local_id(0), lanes = get_local_size(0);
+    // Not ints: see srp/simt_projection.cl.
+    const size_t lane = get_local_id(0), lanes = get_local_size(0);
     const int cache = first + min((int)get_group_id(0), count - 1);
     __global const int *nodes = link_node + (size_t)cache * LINKS;
     float3 sum[COEFFICIENTS];
+#pragma unroll
     for (int j = 0; j < COEFFICIENTS; ++j)
         sum[j] = (float3)(0.0f);
-    for (int k = lane; k < LINKS; k += lanes) {
+    for (size_t turn = 0; turn < LINKS; turn += lanes) {
+        const size_t k = turn + lane;
+        if (k >= LINKS)
+            continue;
         const float3 flux = shared_decode(node_flux[nodes[k]]);
 #if PROJECTION == PROJECTION_STORED
-        __global const ushort *lights = link_light + (size_t)cache * LINKS * COEFFICIENTS + k;
+        __global const ushort *lights = link_light + (size_t)cache * LINKS * COEFFICIENTS;
 #pragma unroll
         for (int j = 0; j < COEFFICIENTS; ++j)
-            sum[j] += flux * half_bits(lights[j * LINKS]);
+            sum[j] += flux * half_bits(lights[j * LINKS + k]);
 #else
         __global const ushort *weights =
-            (__global const ushort *)link_weight + (size_t)cache * LINKS * 2 + k;
+            (__global const ushort *)link_weight + (size_t)cache * LINKS * 2;
         float y[COEFFICIENTS];
-        cap_basis(link_direction[(size_t)cache * LINKS + k], half_bits(weights[0]),
-                  half_bits(weights[LINKS]), y);
+        cap_basis(link_direction[(size_t)cache * LINKS + k], half_bits(weights[k]),
+                  half_bits(weights[LINKS + k]), y);
 #pragma unroll
         for (int j = 0; j < COEFFICIENTS; ++j)
             sum[j] += flux * y[j];
 #endif
     }
-    // A row for each coefficient and channel, one float longer than the group, so that work-items that
-    // go along neighbouring rows meet in no bank.
-    const int stride = lanes + 1;
 #pragma unroll
     for (int j = 0; j < COEFFICIENTS; ++j) {
-        partial[3 * j * stride + lane] = sum[j].x;
-        partial[(3 * j + 1) * stride + lane] = sum[j].y;
-        partial[(3 * j + 2) * stride + lane] = sum[j].z;
+        partial[3 * j * lanes + lane] = sum[j].x;
+        partial[(3 * j + 1) * lanes + lane] = sum[j].y;
+        partial[(3 * j + 2) * lanes + lane] = sum[j].z;
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int row = lane; row < 3 * COEFFICIENTS; row += lanes) {
-        float all = 0.0f;
-        for (int i = 0; i < lanes; ++i)
-            all += partial[row * stride + i];
-        partial[row * stride] = all;
+    for (size_t left = lanes; left > 1; left = (left + 1) / 2) {
+        const size_t upper = (left + 1) / 2;
+        if (lane + upper < left) {
+#pragma unroll
+            for (int row = 0; row < 3 * COEFFICIENTS; ++row)
+                partial[row * lanes + lane] += partial[row * lanes + upper + lane];
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
     }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (int j = lane; j < COEFFICIENTS; j += lanes) {
-        const float3 all = (float3)(partial[3 * j * stride], partial[(3 * j + 1) * stride],
-                                    partial[(3 * j + 2) * stride]);
+    for (size_t j = lane; j < COEFFICIENTS; j += lanes) {
+        const float3 all = (float3)(partial[3 * j * lanes], partial[(3 * j + 1) * lanes],
+                                    partial[(3 * j + 2) * lanes]);
         STORE_CACHE(j, all);
     }
 }

@@ -28,7 +28,7 @@ class Simt(Tuned):
         return replace(
             launch,
             program=self._simt_program(),
-            args=(*launch.args, local("staged", 12 * size), local("partial", 8 * size)),
+            args=(*launch.args, local("staged", 12 * size), local("counted", 4 * size)),
             items=None,
             groups=side**2,
             workgroup_size=size,

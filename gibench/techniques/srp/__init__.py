@@ -94,7 +94,7 @@ def _buffers(known: Known) -> list[BufferSpec]:
         shape = SimtShape.of(job.profile, job.group_size)
         least = SimtSizes()
         if lightmap is not None:
-            least = SimtSizes.of(known.baked, settings.storage, shape)
+            least = SimtSizes.of(known.baked, shape)
         own = Simt.buffers(sizes, least, settings.storage, shape, texels=texels, border=border)
     elif job.variant == TUNED:
         own = Tuned.buffers(

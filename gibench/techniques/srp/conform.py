@@ -85,7 +85,11 @@ def _cases(shape: str) -> list[Case]:
         ),
         Case(
             f"SRP's projection and transport ({shape})",
-            (f"{projection}:cluster_projection", f"{files}_transport.cl:irradiance_transport"),
+            (
+                f"{projection}:cluster_projection",
+                *([f"{projection}:add_pieces"] if shape == SIMT else []),
+                f"{files}_transport.cl:irradiance_transport",
+            ),
             partial(_transport, shape=shape),
         ),
     ]

@@ -18,7 +18,7 @@ from gibench.techniques.srp.common import (
     transport_passes,
 )
 from gibench.techniques.srp.pack import sample_sources
-from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes, pack_simt, row_unit
+from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes, pack_simt
 from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
@@ -29,7 +29,7 @@ groups of 256."""
 
 
 class Simt:
-    """A work-group per probe, per block of rows and per tile of receivers.
+    """A work-group per probe, per piece of a tile of rows and per tile of receivers.
 
     Args:
         given: what it is built from.
@@ -49,16 +49,17 @@ class Simt:
             "radiance": extended_radiance(given),
             "relight_source": sample_sources(bake.relight, texels),
             "relight_basis": bake.relight.basis,
-            "row_blocks": packed.row_blocks,
+            "row_pieces": packed.pieces,
             "cluster_probes": packed.probes,
             "projection": packed.projection,
+            "row_tiles": packed.row_tiles,
             "scale": packed.scale,
             "receiver_tiles": packed.tiles,
             "transport_texel": packed.texel,
             "reconstruction": packed.reconstruction,
             "border_texels": border,
         }
-        sizes = SimtSizes.of(bake, given.storage, self._shape)
+        sizes = SimtSizes.of(bake, self._shape)
         specs = Simt.buffers(
             given.sizes, sizes, given.storage, self._shape, texels=texels, border=len(border)
         )
@@ -94,16 +95,18 @@ class Simt:
             FrameLightmap.map_buffer("radiance", texels + s.samples + 1),
             of("relight_source", (s.probes, s.samples), np.int32),
             of("relight_basis", (s.samples, s.coefficients), np.float32),
-            of("row_blocks", (packed.row_blocks, 5), np.int32),
+            of("row_pieces", (packed.pieces, 4), np.int32),
             of("cluster_probes", packed.probes, np.int32),
             of("projection", packed.projection, stored),
+            of("partial_basis", (packed.pieces, 3, shape.team), np.float32),
+            of("row_tiles", (packed.row_tiles, 4), np.int32),
             of("scale", s.rows, np.float32),
             of("receiver_tiles", (packed.tiles, 3), np.int32),
             of("transport_texel", packed.tiles * shape.tile, np.int32),
             of("reconstruction", packed.reconstruction, stored),
             of("border_texels", border, np.int32),
             of("lambda", (s.probes, 3, s.coefficients), np.float32),
-            of("light_basis", (s.rows, 3), np.float32),
+            of("light_basis", (s.rows, 4), np.float32),
         ]
 
     def passes(self) -> list[Pass]:
@@ -157,30 +160,37 @@ class Simt:
         ]
 
     def _projected(self) -> Sequence[Launch]:
-        shape, storage = self._shape, self.given.storage
+        shape, held = self._shape, self._held
         defines: dict[str, int | str] = {
-            "STORAGE": storage_macro(storage),
+            "STORAGE": storage_macro(self.given.storage),
             "COEFFICIENTS": self.given.sizes.coefficients,
             "TEAM": shape.team,
-            "BLOCK_ROWS": shape.block_rows,
-            "ROW_UNIT": row_unit(storage),
         }
-        args = (
-            reads("blocks", self._held["row_blocks"]),
-            reads("probes", self._held["cluster_probes"]),
-            reads("projection", self._held["projection"]),
-            reads("scale", self._held["scale"]),
+        program = ProgramSpec("srp/simt_projection.cl", defines)
+        products = (
+            reads("pieces", held["row_pieces"]),
+            reads("probes", held["cluster_probes"]),
+            reads("projection", held["projection"]),
             reads("lambda", self._lambda),
+            writes("partial", held["partial_basis"]),
+        )
+        sums = (
+            reads("row_tiles", held["row_tiles"]),
+            reads("partial", held["partial_basis"]),
+            reads("scale", held["scale"]),
             writes("basis", self._basis),
-            local("partial", 12 * shape.block_rows * shape.team),
         )
         return [
             Launch(
-                ProgramSpec("srp/simt_projection.cl", defines),
-                "cluster_projection",
+                program,
+                kernel,
                 args,
-                groups=self._held["row_blocks"].shape[0],
+                groups=held[table].shape[0],
                 workgroup_size=shape.team,
+            )
+            for kernel, table, args in (
+                ("cluster_projection", "row_pieces", products),
+                ("add_pieces", "row_tiles", sums),
             )
         ]
 

@@ -48,6 +48,8 @@ FORWARD_RENDER = "forward_render"
 # band; and the surface's shape.
 _SHAPE_FLOPS = 75.0
 _FLOPS_PER_COEFFICIENT = 4 * 3 * 2 + 6
+# Work-items of a cache's group in the layout simt: a wave, so that each sums many links.
+_LEAST_GROUP = 32
 
 
 @dataclass(frozen=True)
@@ -282,10 +284,11 @@ class FramePasses:
         )
         if not self.simt:
             return [Launch(program, "cache_lighting", args, items=count)]
-        size, row = self.workgroup_size, 12 * s.coefficients
-        while size > 1 and row * (size + 1) > self.device.profile.local_memory_bytes:
+        profile, row = self.device.profile, 12 * s.coefficients
+        size = min(self.workgroup_size, max(_LEAST_GROUP, profile.simd_width))
+        while size > 1 and row * size > profile.local_memory_bytes:
             size //= 2
-        sums = local("partial", row * (size + 1))
+        sums = local("partial", row * size)
         kernel = "cache_lighting"
         return [Launch(program, kernel, (*args, sums), groups=count, workgroup_size=size)]
 
