@@ -172,7 +172,9 @@ def _surfaces(*of_scene: Any) -> list[str]:
     return ["" if each is None else each.content_hash() for each in of_scene]
 
 
-_SHARED_CODE = ("bake", "device", "measure/session", "rays", "scene", "techniques")
+_SHARED_CODE = ("device", "measure/session", "rays", "techniques")
+"""Folders. What reads scenes, unwraps and bakes is told by what came of it, which is in the key."""
+_SHARED_FILES = ("scene/model.py", "study/settle.py")
 
 
 @cache
@@ -186,7 +188,8 @@ def _code(technique: str) -> str:
     for number, folder in enumerate((*folders, data("kernels_cl"))):
         for name, content in sorted(_sources(folder, others)):
             digest.update(f"{number} {name}\0".encode() + content + b"\0")
-    digest.update(package.joinpath("study", "settle.py").read_bytes())
+    for name in _SHARED_FILES:
+        digest.update(package.joinpath(*name.split("/")).read_bytes())
     return digest.hexdigest()
 
 
