@@ -115,8 +115,8 @@ def no_remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     return []
 
 
-def no_leaks(job: Job, scene: Scene) -> list[str]:
-    """For a technique that knows what stands between."""
+def no_flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """For a technique whose light is right everywhere where its mean is."""
     return []
 
 
@@ -155,8 +155,8 @@ class TechniqueSpec:
         remarks: why the technique will not come within 10 % of the scene's mean indirect light,
             told before a run: by tests of geometry, lights and settings, a sentence without a full
             stop each, with the setting that would help and what it costs.
-        leaks: why light will be where it should not, though its mean over the scene may be right,
-            told likewise.
+        flaws: why light will be where it should not, or noise, though its mean over the scene may
+            be right, told likewise.
         shades_normal_maps: whether it shades what the camera sees with the scene's normal maps, as
             it is set.
         normal_map_options: what on the command line makes it; empty where nothing does.
@@ -187,7 +187,7 @@ class TechniqueSpec:
     knobs: Callable[[Scene], Sequence[Knob]] = no_knobs
     check: Callable[[Scene, Any], None] = no_check
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
-    leaks: Callable[[Job, Scene], list[str]] = no_leaks
+    flaws: Callable[[Job, Scene, Camera], list[str]] = no_flaws
     shades_normal_maps: Callable[[Any], bool] = no_normal_maps
     normal_map_options: str = ""
     follows: frozenset[Follows] = frozenset()

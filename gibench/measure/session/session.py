@@ -106,7 +106,7 @@ class Session:
             raise _stands_still(spec)
         remarks = [
             *spec.remarks(job, scene, camera),
-            *spec.leaks(job, scene),
+            *spec.flaws(job, scene, camera),
             *left_out(spec, job.settings, scene),
         ]
         for remark in remarks:

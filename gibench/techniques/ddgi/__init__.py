@@ -12,7 +12,7 @@ from gibench.techniques.ddgi.blending import Published, Tuned, lanes_of
 from gibench.techniques.ddgi.passes import DdgiPasses
 from gibench.techniques.ddgi.placement import PROBES_PER_SRP_PROBE, make_volume
 from gibench.techniques.ddgi.probes import Probes
-from gibench.techniques.ddgi.remarks import leaks, remarks
+from gibench.techniques.ddgi.remarks import flaws, remarks
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.ddgi.technique import Ddgi
 from gibench.techniques.job import Known
@@ -95,7 +95,7 @@ SPEC = TechniqueSpec(
     knobs=_knobs,
     check=_check,
     remarks=remarks,
-    leaks=leaks,
+    flaws=flaws,
     memory_options=("--probes", "--set ddgi.rays", "--resolution"),
     counts={"probes": "probes"},
 )

@@ -40,7 +40,7 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     return told + rare_light(space, settings.blended * window, "of a probe", longer)
 
 
-def leaks(job: Job, scene: Scene) -> list[str]:
+def flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """Walls that probes do not resolve: thinner than what their distances are averaged over at the
     next probe, a texel or the lobe of ``distance_exponent``, where near and far are one mean with a
     large variance.

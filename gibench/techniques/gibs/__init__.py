@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gibench.scene.model import Scene
-from gibench.techniques.gibs.remarks import leaks, remarks
+from gibench.techniques.gibs.remarks import flaws, remarks
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.technique import Gibs, buffers
 from gibench.techniques.registry import (
@@ -41,6 +41,6 @@ SPEC = TechniqueSpec(
     sweep=_sweep,
     knobs=_knobs,
     remarks=remarks,
-    leaks=leaks,
+    flaws=flaws,
     counts={"surfels": "surfel_capacity"},
 )

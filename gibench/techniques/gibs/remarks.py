@@ -8,15 +8,18 @@ from typing import Final
 import numpy as np
 
 from gibench.scene.model import Camera, Scene
+from gibench.techniques.gibs.radii import covering_surfels
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.job import Job
 from gibench.techniques.parts.free_space import free_space, in_reach
-from gibench.techniques.parts.rare_light import rare_light
+from gibench.techniques.parts.rare_light import NOISE, OR_DARK, rare_light
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import PUBLISHED
 
 _REACHED: Final = 0.7  # share of the lit surface that must be
 _WINDOW: Final = 256  # rays that a surfel's mean holds, kernels_cl/gibs/estimator.cl
+_HITS_IN_ALL: Final = 400.0
+"""Of all surfels' rays, on what seldom is met: two standard deviations of the mean are 10 %."""
 
 
 def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
@@ -38,12 +41,31 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
                 f"{1 - share:.0%} of the surface is out of reach of {how}, gets no surfel and "
                 f"stays black: {mend}"
             )
-    # A surfel's rays go to one hemisphere.
-    return told + rare_light(free_space(scene), 2.0 * _WINDOW, "of a surfel", "")
+    return told + _rare(job, scene, camera)[0]
 
 
-def leaks(job: Job, scene: Scene) -> list[str]:
-    """Without depth tests: walls thinner than a surfel half the scene's diagonal away reaches."""
+def flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """Light that is noise, though its mean is right; without depth tests walls thinner than a
+    surfel half the scene's diagonal away reaches.
+    """
+    return _rare(job, scene, camera)[1] + _thin(job, scene)
+
+
+def _rare(job: Job, scene: Scene, camera: Camera) -> tuple[list[str], list[str]]:
+    """Light that a surfel's rays seldom find: for all surfels together too seldom for the mean, or
+    often enough.
+    """
+    settings: GibsSettings = job.settings
+    space = free_space(scene)
+    rays = 2.0 * _WINDOW  # a surfel's go to one hemisphere
+    share = min(s for s in (space.small_emitters or 1.0, space.bright_sky) if s > 0)
+    surfels = min(covering_surfels(scene, camera, settings), settings.surfels)
+    enough = share * rays * surfels >= _HITS_IN_ALL
+    told = rare_light(space, rays, "of a surfel", "", NOISE if enough else OR_DARK)
+    return ([], told) if enough else (told, [])
+
+
+def _thin(job: Job, scene: Scene) -> list[str]:
     settings: GibsSettings = job.settings
     if settings.depth_moments:
         return []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import ClassVar
@@ -12,10 +11,11 @@ import numpy.typing as npt
 
 from gibench.device import Buffer, BufferSpec, Device, Launch, total_bytes
 from gibench.errors import CannotRun
-from gibench.scene.model import Camera, Scene
+from gibench.scene.model import Camera
 from gibench.techniques.gibs.camera_view import CameraView, tiles_of
 from gibench.techniques.gibs.passes import COVERAGE_STEPS, FramePasses
-from gibench.techniques.gibs.settings import PERSPECTIVE, GibsSettings
+from gibench.techniques.gibs.radii import grid_of, radii_of
+from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.gibs.surfels import (
     COUNT_ALIVE,
     COUNT_FREE,
@@ -30,10 +30,7 @@ from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.steady import Steady
 from gibench.techniques.parts.surfel_grid import (
     NEIGHBOURS,
-    Grid,
-    PerspectiveGrid,
     SurfelGrid,
-    UniformGrid,
 )
 from gibench.techniques.parts.surfels import surfel_words
 from gibench.techniques.registry import PUBLISHED
@@ -100,8 +97,6 @@ class Gibs:
         )
         self.view = CameraView.create(device, scene, job.shot.width, job.shot.height)
         diagonal = float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
-        self._most = grid.largest_radius
-        self._least = min(settings.smallest_radius * diagonal, self._most)
         self._alive, self._rays, self._number = 0, 0, 0
         self._steady = Steady(REST_GROWTH, REST_WINDOW)
         self._passes = FramePasses(
@@ -274,8 +269,9 @@ class Gibs:
 
     def _frame_words(self, camera: Camera) -> npt.NDArray[np.uint32]:
         """What kernels_cl/gibs/frame.cl reads, (FRAME_WORDS,)."""
-        angle = 2 * math.tan(math.radians(camera.fov_degrees) / 2) * self.settings.radius_share
-        words = surfel_words(self._alive, camera.position, angle, self._least, self._most)
+        radii = radii_of(self._world.scene, camera, self.settings)
+        at = camera.position
+        words = surfel_words(self._alive, at, radii.angle, radii.least, radii.most)
         own = [self._number, self._rays, self._job.seed & 0xFFFFFFFF]
         return np.concatenate([words, np.array(own, np.uint32)])
 
@@ -292,13 +288,6 @@ class Gibs:
                 f"{budget:,} are left of profile {memory.profile.name}'s budget",
                 mend="lower --set gibs.surfels",
             )
-
-
-def grid_of(scene: Scene, settings: GibsSettings) -> Grid:
-    """The grid's shape for a scene."""
-    if settings.grid == PERSPECTIVE:
-        return PerspectiveGrid.around(scene.bounds, settings.grid_cells)
-    return UniformGrid.around(scene.bounds, settings.grid_cells)
 
 
 def entries_of(settings: GibsSettings, published: bool) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gibench.bake.stage import Stage
-from gibench.scene.model import Scene
+from gibench.scene.model import Camera, Scene
 from gibench.techniques.irradiance_probes.settings import IrradianceProbeSettings
 from gibench.techniques.irradiance_probes.technique import IrradianceProbes
 from gibench.techniques.job import Job
@@ -35,7 +35,7 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     return probe_stages(IrradianceProbes.name, context, asked)
 
 
-def _leaks(job: Job, scene: Scene) -> list[str]:
+def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """Walls thinner than probes are apart: those on both sides count, whatever lies between."""
     settings: IrradianceProbeSettings = job.settings
     return leaking_walls(
@@ -59,7 +59,7 @@ SPEC = TechniqueSpec(
     sweep=probe_sweep,
     knobs=probe_knobs,
     check=check_volume,
-    leaks=_leaks,
+    flaws=_flaws,
     memory_options=("--probes", "--set irradiance-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from gibench.bake.stage import Stage
-from gibench.scene.model import Scene
+from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job
 from gibench.techniques.light_field_probes.settings import LightFieldProbeSettings
 from gibench.techniques.light_field_probes.technique import LightFieldProbes
@@ -43,7 +43,7 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
     return probe_stages(LightFieldProbes.name, context, asked)
 
 
-def _leaks(job: Job, scene: Scene) -> list[str]:
+def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """Walls thinner than what points are moved by, and a texel of a probe's distances covers at the
     next probe.
     """
@@ -72,7 +72,7 @@ SPEC = TechniqueSpec(
     sweep=probe_sweep,
     knobs=probe_knobs,
     check=check_volume,
-    leaks=_leaks,
+    flaws=_flaws,
     memory_options=("--probes", "--set light-field-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},
 )

@@ -8,9 +8,13 @@ from gibench.techniques.parts.free_space import FreeSpace
 
 _MATTERS: Final = 0.1  # share of all light that must come from there
 _HITS: Final = 10.0  # under which a mean of so many rays is a guess
+NOISE: Final = "noise about the right mean"
+OR_DARK: Final = f"{NOISE}, or dark"
 
 
-def rare_light(space: FreeSpace, rays: float, who: str, mend: str) -> list[str]:
+def rare_light(
+    space: FreeSpace, rays: float, who: str, mend: str, becomes: str = OR_DARK
+) -> list[str]:
     """What of a scene's light a mean over ``rays`` directions of the sphere does not find.
 
     Args:
@@ -18,6 +22,7 @@ def rare_light(space: FreeSpace, rays: float, who: str, mend: str) -> list[str]:
         rays: that a mean holds.
         who: casts them, in words.
         mend: a setting that takes more, in words; empty where there is none.
+        becomes: what the result then is, in words.
     """
     if space.light <= 0:
         return []
@@ -32,7 +37,7 @@ def rare_light(space: FreeSpace, rays: float, who: str, mend: str) -> list[str]:
         if share > 0 and light > _MATTERS * space.light and hits < _HITS:
             told.append(
                 f"{light / space.light:.0%} of the light comes from {what}, {share:.1g} of the "
-                f"sphere: {hits:.2g} of {rays:,.0f} rays {who} meet them, and the result is noise "
-                f"about the right mean, or dark; {instead}{mend}"
+                f"sphere: {hits:.2g} of {rays:,.0f} rays {who} meet them, and the result is "
+                f"{becomes}; {instead}{mend}"
             )
     return told

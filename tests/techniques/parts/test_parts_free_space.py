@@ -13,6 +13,8 @@ from gibench.profiles import load_profile
 from gibench.scene.builtin import build
 from gibench.scene.environment import Environment
 from gibench.scene.model import Camera, DirectionalLight, Material, PointLight, Scene
+from gibench.techniques.gibs.radii import covering_surfels
+from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.parts.free_space import free_space, in_reach
 from gibench.techniques.registry import find_technique
@@ -27,11 +29,14 @@ def room(**more) -> Scene:
 
 
 def told(scene: Scene, technique: str, variant: str = "tuned", **settings) -> list[str]:
-    spec = find_technique(technique)
-    shot = Shot(64, 36)
-    job = Job(technique, spec.settings(settings), variant, scene.name, load_profile("vega56"), 64,
-              shot=shot)  # fmt: skip
-    return spec.remarks(job, scene, scene.cameras[0])
+    job = asked(technique, variant, scene, **settings)
+    return find_technique(technique).remarks(job, scene, scene.cameras[0])
+
+
+def asked(technique: str, variant: str, scene: Scene, **settings) -> Job:
+    of = find_technique(technique).settings(settings)
+    profile, shot = load_profile("vega56"), Shot(64, 36)
+    return Job(technique, of, variant, scene.name, profile, 64, shot=shot)
 
 
 def test_closeness_is_that_of_a_fifth_of_the_surface():
@@ -130,8 +135,37 @@ def test_remarks_name_the_setting_that_ends_them():
     assert "--set gibs.placement=rays" in hidden
     assert told(maze, "gibs") == []
     assert told(maze, "gibs", variant="published") == [hidden]
-    for technique in ("ddgi", "gibs", "srp"):
+    for technique in ("ddgi", "srp"):
         (lamp,) = told(build("big-hall"), technique)
         assert "emitting surfaces" in lamp and "point lights" in lamp
         assert ("relight_samples=" in lamp and "for the mean" in lamp) == (technique == "srp")
     assert told(maze, "srp") == told(maze, "direct") == []
+
+
+def test_light_that_all_surfels_together_find_is_noise_and_no_remark():
+    """Each meets the lamp seldom; so do all, where they are few."""
+    hall = build("big-hall")
+    spec, camera = find_technique("gibs"), hall.cameras[0]
+    assert told(hall, "gibs") == []
+    (noise,) = spec.flaws(asked("gibs", "tuned", hall), hall, camera)
+    assert "noise about the right mean; give them as point lights" in noise
+    (dark,) = told(hall, "gibs", surfels=1000)
+    assert "or dark; give them as point lights" in dark
+    assert spec.flaws(asked("gibs", "tuned", hall, surfels=1000), hall, camera) == []
+
+
+@pytest.mark.parametrize("factor", [1e-3, 2500.0])
+def test_surfels_that_cover_a_plane_are_its_area_over_theirs(factor):
+    """Seen from so high above that all are about as far, whatever the unit."""
+    plane, _ = quad_scene([((-1, 0, 1), (2, 0, 0), (0, 0, -2))], 2)
+    plane = scaled(plane, factor)
+    settings = GibsSettings(radius_share=1e-4, smallest_radius=1e-9)
+    camera = Camera((0.0, 50.0 * factor, 0.0), (0.0, 0.0, 0.0), 40.0)
+    radius = 50 * 2 * np.tan(np.radians(20)) * 1e-4
+    expected = pytest.approx(4 / (np.pi * radius**2), rel=1e-3)
+    assert covering_surfels(plane, camera, settings) == expected
+    # None is larger than a cell, nor smaller than what is set.
+    cell = GibsSettings(radius_share=1.0, grid_cells=20)
+    assert covering_surfels(plane, camera, cell) == pytest.approx(4 / (np.pi * 0.1**2), rel=1e-5)
+    least = GibsSettings(radius_share=1e-9, smallest_radius=0.01)
+    assert covering_surfels(plane, camera, least) == pytest.approx(4 / (np.pi * 8e-4), rel=1e-5)

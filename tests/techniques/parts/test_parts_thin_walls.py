@@ -9,6 +9,7 @@ import pytest
 from support.scaled import scaled
 from support.tiny_scenes import box, quad_scene
 
+from gibench.measure.plan.view import choose_camera
 from gibench.profiles import load_profile
 from gibench.scene.builtin import build
 from gibench.scene.model import Scene
@@ -21,7 +22,7 @@ def told(scene: Scene, technique: str, **settings) -> list[str]:
     spec = find_technique(technique)
     job = Job(technique, spec.settings(settings), "tuned", scene.name, load_profile("vega56"), 64,
               shot=Shot(64, 36))  # fmt: skip
-    return spec.leaks(job, scene)
+    return spec.flaws(job, scene, choose_camera(scene, None))
 
 
 @pytest.mark.parametrize("factor", [1.0, 1e-3, 2500.0])
