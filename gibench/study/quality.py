@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import math
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,6 +15,7 @@ from gibench.errors import BadInput, GibenchError
 from gibench.measure.plan.view import choose_camera
 from gibench.measure.runfolder.axes import Axis, axis_values
 from gibench.reference.path_tracer import check_paths, reference_irradiance
+from gibench.scene.lightmap import Receivers
 from gibench.study.ahead import bake_ahead, site_for
 from gibench.study.errors import Truth
 from gibench.study.frozen import FrozenShared
@@ -27,6 +29,12 @@ from gibench.study.through_camera import view
 from gibench.study.watched import Watch, object_lag
 from gibench.techniques.job import Job
 from gibench.work import Executor, Serial, Worker, elsewhere, run_in_order
+
+_LOG = logging.getLogger(__name__)
+
+_EFFECTIVE, _EVEN = 500.0, 0.2
+"""Of so many receivers of one area, or this share of all, a mean over the surface is sure enough:
+with errors of half the mean from one to the next, 2 % are one standard deviation."""
 
 
 @dataclass
@@ -225,11 +233,25 @@ def group_of(job: Job, options: QualityOptions, site: Site) -> Group:
     return site.kept(key, partial(_new_group, job, options, site.standing(options.light_frame)))
 
 
+def too_few(receivers: Receivers) -> str | None:
+    """Why means over these receivers say little of the surface, in a line; None where they do."""
+    count, effective = len(receivers), receivers.effective
+    if effective >= min(_EFFECTIVE, _EVEN * count):
+        return None
+    return (
+        f"the {count:,} receivers are so few for its many parts that means over the surface rest "
+        f"on {effective:,.0f} of them, which stand for whole walls; ask for more (--receivers "
+        f"{2 * count:,})"
+    )
+
+
 def _new_group(job: Job, options: QualityOptions, shared: FrozenShared) -> Group:
     scene, shot = shared.scene(job.scene), job.shot
     camera = choose_camera(scene, shot.camera)
     receivers = job.receivers or scene.receivers
     lightmap = shared.lightmap(job.scene, receivers)
+    if (few := too_few(lightmap.receivers)) is not None:
+        _LOG.warning("%s: %s", scene.name, few)
     if (motion := shot.motion.of(scene)) is not None:
         lightmap = motion.lightmap_in(scene, lightmap, options.light_frame)
         scene = motion.scene_in(scene, options.light_frame)

@@ -39,6 +39,14 @@ class Receivers:
     def __len__(self) -> int:
         return len(self.texel)
 
+    @property
+    def effective(self) -> float:
+        """How many receivers of one area a mean by area would be as sure of (Kish 1965, *Survey
+        Sampling*): where charts outnumber the receivers asked for, a few stand for whole walls.
+        """
+        area = self.area.astype(np.float64)
+        return float(area.sum() ** 2 / (area**2).sum())
+
 
 @dataclass(frozen=True)
 class Fragments:

@@ -20,6 +20,10 @@ from gibench.work import Worker
 
 _IMAGE = (320, 180)
 _RECEIVERS = 4000
+_EFFECTIVE = 1000
+"""As many of one area as the receivers weigh, at least (``Receivers.effective``): where charts
+outnumber them a few stand for whole walls, and more are asked for."""
+_MOST_RECEIVERS = 64_000
 _TECHNIQUES = ("ddgi", "gibs", "srp")
 _SCENES = (
     *("church", "maze", "street", "thin-house", "big-hall", "vase"),
@@ -31,18 +35,28 @@ _NEAR = 0.1
 """Of the truth's mean: what a default must come within, or a remark must say that it does not."""
 _COLUMNS = (
     *("bias", "bias_noise", "rel_l2", "time_ms", "memory_bytes", "frames", "settled"),
-    *("frames_to_rest", "probes", "surfels", "uncovered", "remarks", "verdict"),
+    *("frames_to_rest", "receivers", "probes", "surfels", "uncovered", "remarks", "verdict"),
 )
 
 
 def _points(context: Context) -> Iterator[Point]:
-    receivers = 500 if context.quick else _RECEIVERS
     for scene in context.scene_or(*_SCENES):
         name = context.site.standing().scene(scene).name
+        receivers = 500 if context.quick else _receivers(context, scene)
         for technique in _TECHNIQUES:
             settings = context.transport if technique == "srp" else {}
             job = context.of(technique, scene, context.profiles[0], receivers, **settings)
             yield Point({"scene": name, "technique": technique}, job)
+
+
+def _receivers(context: Context, scene: str) -> int:
+    """How many to ask for, so that no few stand for most of the surface."""
+    asked = _RECEIVERS
+    while asked < _MOST_RECEIVERS:
+        if context.site.standing().lightmap(scene, asked).receivers.effective >= _EFFECTIVE:
+            break
+        asked *= 2
+    return asked
 
 
 def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
