@@ -50,7 +50,7 @@ def test_receivers_that_stand_for_whole_walls_are_said(rng: np.random.Generator)
     told = too_few(few)
     assert f"the {len(few)} receivers" in told and f"--receivers {2 * len(few):,}" in told
     assert too_few(enough) is None
-    wall, lightmap = quad_scene([WALL], 16)
+    _, lightmap = quad_scene([WALL], 16)
     assert lightmap.receivers.effective == pytest.approx(len(lightmap.receivers), rel=1e-5)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pandas as pd
 
+from gibench.errors import BadInput
 from gibench.measure.plan.view import choose_camera
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
@@ -52,11 +53,17 @@ def _points(context: Context) -> Iterator[Point]:
 def _receivers(context: Context, scene: str) -> int:
     """How many to ask for, so that no few stand for most of the surface."""
     asked = _RECEIVERS
-    while asked < _MOST_RECEIVERS:
-        if context.site.standing().lightmap(scene, asked).receivers.effective >= _EFFECTIVE:
-            break
+    while asked < _MOST_RECEIVERS and not _enough(context, scene, asked):
         asked *= 2
     return asked
+
+
+def _enough(context: Context, scene: str, receivers: int) -> bool:
+    try:
+        lightmap = context.site.standing().lightmap(scene, receivers)
+    except BadInput:  # more charts than twice as many
+        return False
+    return lightmap.receivers.effective >= _EFFECTIVE
 
 
 def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
