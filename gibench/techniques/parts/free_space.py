@@ -87,7 +87,7 @@ def _measure(scene: Scene) -> FreeSpace:
     points, normals = points_on_surfaces(scene, rng, _POINTS)
     origins = (points + lift * normals).astype(np.float32)
     ahead = tracer.closest(origins, normals.astype(np.float32)).distance
-    directions = _cosine(np.repeat(normals, _LOOKS, axis=0), rng)
+    directions = cosine_directions(np.repeat(normals, _LOOKS, axis=0), rng)
     hits = tracer.closest(np.repeat(origins, _LOOKS, axis=0), directions.astype(np.float32))
     away = hits.triangle < 0
     sky, bright = _from_sky(scene, origins, normals, directions[away], len(away), rng)
@@ -128,7 +128,7 @@ def _on_triangles(
     return np.asarray(points), np.asarray(normal[triangle] / twice[triangle, None])
 
 
-def _cosine(normals: Doubles, rng: np.random.Generator) -> Doubles:
+def cosine_directions(normals: Doubles, rng: np.random.Generator) -> Doubles:
     """Directions by the cosine with ``normals``: the normal and a point of the sphere added."""
     away = rng.normal(size=normals.shape)
     found = normals + 0.9999 * away / np.linalg.norm(away, axis=1, keepdims=True)
@@ -307,7 +307,7 @@ def _lit(
     for _, towards, limit in _towards_lamps(scene, points):
         facing = (towards * normals).sum(axis=1) > 0
         lit |= facing & ~tracer.occluded(origins, towards.astype(np.float32), limit)
-    directions = _cosine(np.repeat(normals, _LOOKS, axis=0), rng)
+    directions = cosine_directions(np.repeat(normals, _LOOKS, axis=0), rng)
     hits = tracer.closest(np.repeat(origins, _LOOKS, axis=0), directions.astype(np.float32))
     radiance = scene.environment.radiance(directions).max(axis=1)
     glows = np.array([max(m.emission) for m in scene.materials])[scene.material_ids]

@@ -13,10 +13,14 @@ from gibench.profiles import load_profile
 from gibench.scene.builtin import build
 from gibench.scene.environment import Environment
 from gibench.scene.model import Camera, DirectionalLight, Material, PointLight, Scene
+from gibench.techniques.ddgi.placement import make_volume
+from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.gibs.radii import covering_surfels
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.parts.free_space import free_space, in_reach
+from gibench.techniques.parts.probe_volume import Volume
+from gibench.techniques.parts.unseen_sky import unseen_sky, wider
 from gibench.techniques.registry import find_technique
 
 LOOKING = Camera((0.1, 1.3, 0.9), (0.0, 1.0, -1.0), 70.0)
@@ -169,3 +173,28 @@ def test_surfels_that_cover_a_plane_are_its_area_over_theirs(factor):
     assert covering_surfels(plane, camera, cell) == pytest.approx(4 / (np.pi * 0.1**2), rel=1e-5)
     least = GibsSettings(radius_share=1e-9, smallest_radius=0.01)
     assert covering_surfels(plane, camera, least) == pytest.approx(4 / (np.pi * 8e-4), rel=1e-5)
+
+
+@pytest.mark.parametrize("factor", [1e-3, 2500.0])
+def test_sky_on_the_outside_of_a_model_is_seen_by_no_probe_in_it(factor):
+    """A block's faces are all outside; the volume that the remark gives has probes around it."""
+    block, _ = quad_scene(box((-1, 0, -1.1), (1, 2.4, 1.1), inward=False), 2, sky=(2.0, 1.0, 0.5))
+    block = scaled(replace(block, cameras=(LOOKING,)), factor)
+    volume = make_volume(block, DdgiSettings())
+    assert unseen_sky(block, volume, 0.0) == pytest.approx(1.0)
+    assert unseen_sky(block, wider(volume), 0.0) == 0.0
+    (dark,) = [one for one in told(block, "ddgi") if "the sky's" in one]
+    given = dict(one.split()[0].split("=") for one in dark.split("--set ddgi.")[1:])
+    assert set(given) == {"counts", "origin", "spacing"}
+    assert not [one for one in told(block, "ddgi", **given) if "the sky's" in one]
+    assert not [one for one in told(block, "ddgi", scrolling="true") if "the sky's" in one]
+    # Half of what a lamp sends counts as well; a room without a sky has none to miss.
+    lamp = PointLight((0.0, 9.0 * factor, 0.0), (3.0, 3.0, 3.0))
+    lit = replace(block, lights=(lamp,))
+    space = free_space(lit)
+    expected = space.sky / (space.sky + space.lamps / 2)
+    assert unseen_sky(lit, volume, 0.0) == pytest.approx(expected)
+    assert unseen_sky(room(), make_volume(room(), DdgiSettings()), 0.0) == 0.0
+    # Far beyond the volume its light has faded.
+    beside = Volume((9.0 * factor, 0.0, 0.0), volume.spacing, volume.counts)
+    assert unseen_sky(block, beside, 0.0) == pytest.approx(1.0)
