@@ -17,7 +17,7 @@ from gibench.techniques.parts.unseen_sky import unseen_sky, wider
 
 # Probes further apart than surfaces lie on both sides of a wall, and few between walls.
 _FURTHEST: Final = 0.9
-# Share of all light that may fall where no probe is. Probes behind such a surface still give it some:
+# Share of all light that may fall where no probe is. Probes behind the surface still give it some:
 # with 10 and 12 % (thin-house, vase) the bias stays below 7 %, with 48 % (Sponza) it is -55 %.
 _UNSEEN: Final = 0.2
 # About what a probe takes beside its rays: maps, distances, variation; then a ray's hit and light.
