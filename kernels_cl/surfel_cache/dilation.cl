@@ -14,22 +14,23 @@ inline float cache_mark(__global const half *map, size_t texel)
 inline void dilate_cache(__global ushort *cache_map, int width, int height, int x, int y)
 {
     __global half *map = (__global half *)cache_map;
-    float3 sum[COEFFICIENTS];
-    for (int j = 0; j < COEFFICIENTS; ++j)
-        sum[j] = (float3)(0.0f);
-    float count = 0.0f;
-    for (int v = max(y - 1, 0); v <= min(y + 1, height - 1); ++v)
-        for (int u = max(x - 1, 0); u <= min(x + 1, width - 1); ++u) {
-            const size_t texel = (size_t)v * width + u;
-            if (cache_mark(map, texel) != CACHE_LIT)
-                continue;
-            for (int j = 0; j < COEFFICIENTS; ++j)
-                sum[j] += vload_half4(texel * COEFFICIENTS + j, map).xyz;
-            count += 1.0f;
-        }
-    const size_t own = ((size_t)y * width + x) * COEFFICIENTS;
-    for (int j = 0; j < COEFFICIENTS; ++j)
-        vstore_half3(sum[j] / fmax(count, 1.0f), 0, map + 4 * (own + j));
+    for (int j = 0; j < COEFFICIENTS; ++j) {
+        float3 sum = (float3)(0.0f);
+        float count = 0.0f;
+        for (int v = max(y - 1, 0); v <= min(y + 1, height - 1); ++v)
+            for (int u = max(x - 1, 0); u <= min(x + 1, width - 1); ++u) {
+                const size_t texel = (size_t)v * width + u;
+                if (cache_mark(map, texel) == CACHE_LIT) {
+                    sum += vload_half4(texel * COEFFICIENTS + j, map).xyz;
+                    count += 1.0f;
+                }
+            }
+        sum /= fmax(count, 1.0f);
+        const size_t at = 4 * (((size_t)y * width + x) * COEFFICIENTS + j);
+        vstore_half(sum.x, at, map);
+        vstore_half(sum.y, at + 1, map);
+        vstore_half(sum.z, at + 2, map);
+    }
 }
 
 // dilation: one work-item per texel of the map, as published.
