@@ -168,7 +168,7 @@ def test_factors_that_make_no_sense_are_refused(tmp_path: Path, factor: str, val
 def test_numbers_of_mtl_that_make_no_sense_are_refused(tmp_path: Path, statement: str) -> None:
     with pytest.raises(BadInput) as refused:
         obj(tmp_path, statement)
-    assert statement.split()[0] in str(refused.value)
+    assert f".mtl: material 'm' has {statement.split()[0]}" in str(refused.value)
     assert "\n" not in str(refused.value)
 
 

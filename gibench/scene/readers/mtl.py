@@ -50,9 +50,9 @@ Decoder = Callable[[str, bytes], Texture]
 
 @dataclass
 class _Entries:
-    """The statements of one material: argument by lower case keyword, and its file's folder."""
+    """The statements of one material: argument by lower case keyword, and the file."""
 
-    folder: Path
+    file: Path
     values: dict[str, str] = field(default_factory=dict)
 
 
@@ -130,7 +130,7 @@ class _Reader:
         for _, statement in statements(read_text(file, "an MTL text file")):
             keyword = statement.split(None, 1)[0].lower()
             if keyword == "newmtl":
-                entries = _Entries(file.parent)
+                entries = _Entries(file)
                 name = " ".join(argument(statement).split())
                 if name in self.found:
                     self.earlier.append((name, self.found[name]))
@@ -250,7 +250,7 @@ class _Reader:
                 if not 0 <= value <= 1:
                     raise BadInput(
                         f"material '{name}' has {keyword.capitalize()} {value:g}",
-                        where=self.folder,
+                        where=entries.file,
                         mend="it goes from 0 to 1",
                     )
             value = self._number(entries, keyword, default)
@@ -307,7 +307,7 @@ class _Reader:
         if not entries.values.get(keyword):
             return None
         statement = map_statement(entries.values[keyword])
-        file = find_near((entries.folder, self.folder), statement.file)
+        file = find_near((entries.file.parent, self.folder), statement.file)
         if file is None:
             self.missing.append(statement.file)
             return None
