@@ -18,6 +18,10 @@ from gibench.techniques.registry import PUBLISHED
 
 _REACHED: Final = 0.7  # share of the lit surface that must be
 _WINDOW: Final = 256  # rays that a surfel's mean holds, kernels_cl/gibs/estimator.cl
+_TIMES_COVERED: Final = 3.3
+"""Surfels alive over those that would lie once over all surfaces: 3.0 to 4.9 in the built-in scenes
+that have room for them."""
+_SURFEL_BYTES: Final = 1400  # with its place in the grid's lists, about
 _HITS_IN_ALL: Final = 400.0
 """Of all surfels' rays, on what seldom is met: two standard deviations of the mean are 10 %."""
 
@@ -41,7 +45,25 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
                 f"{1 - share:.0%} of the surface is out of reach of {how}, gets no surfel and "
                 f"stays black: {mend}"
             )
+    if by_rays:
+        told += _no_room(settings, scene, camera)
     return told + _rare(job, scene, camera)[0]
+
+
+def _no_room(settings: GibsSettings, scene: Scene, camera: Camera) -> list[str]:
+    """Surfaces that take more surfels than are placed before recycling begins."""
+    wanted = _TIMES_COVERED * covering_surfels(scene, camera, settings)
+    room = settings.recycle_pressure_from * settings.surfels
+    if wanted <= room:
+        return []
+    surfels = math.ceil(wanted / settings.recycle_pressure_from / 1000) * 1000
+    more = (surfels - settings.surfels) * _SURFEL_BYTES / 2**20
+    return [
+        f"its surfaces take about {wanted:,.0f} surfels, and rays place none beyond {room:,.0f} of "
+        f"the {settings.surfels:,} there is room for: what comes late stays black; --set "
+        f"gibs.surfels={surfels} has room for them, with about {more:.0f} MiB more and time for "
+        f"each surfel"
+    ]
 
 
 def flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:

@@ -153,8 +153,15 @@ def test_light_that_all_surfels_together_find_is_noise_and_no_remark():
     assert told(hall, "gibs") == []
     (noise,) = spec.flaws(asked("gibs", "tuned", hall), hall, camera)
     assert "noise about the right mean; give them as point lights" in noise
-    (dark,) = told(hall, "gibs", surfels=1000)
+    full, dark = told(hall, "gibs", surfels=1000)
     assert "or dark; give them as point lights" in dark
+    # There is no room for them to lie everywhere; with what the remark gives there is.
+    assert "none beyond 700 of the 1,000" in full
+    wanted = int(full.split("gibs.surfels=")[1].split()[0])
+    assert told(hall, "gibs", surfels=wanted) == []
+    assert [one for one in told(hall, "gibs", surfels=wanted - 1100) if "none beyond" in one]
+    only_seen = told(hall, "gibs", surfels=1000, placement="camera")
+    assert not [one for one in only_seen if "none beyond" in one]
     assert spec.flaws(asked("gibs", "tuned", hall, surfels=1000), hall, camera) == []
 
 
