@@ -222,6 +222,7 @@ REPLACEMENTS: dict[str, Callable[[Parts], Doubles]] = {
     "band limit": without_band_limit,
     "band limit, unseen rays": partial(without_band_limit, unseen=True),
     "sky in probes": partial(baked_otherwise, sky="receivers"),
+    "placement, by error": partial(baked_otherwise, placement="error"),
     "bounces": one_bounce,
 }
 """Light with a part replaced, by what is replaced."""

@@ -91,9 +91,11 @@ def _lattice(entry: dict[str, Any]) -> Doubles:
 def _job(context: Context, scene: str, own: Own) -> Job:
     if context.quick:
         return context.srp(scene, context.profiles[0], receivers=300)
+    probes, usual = own.probes, context.site.standing().scene(scene).probes.count
     return context.srp(
         scene,
         context.profiles[0],
+        probes=None if probes is None or len(probes) == usual else len(probes),
         receivers=own.receivers,
         transport_rays=str(own.transport_rays),
     )
@@ -192,9 +194,10 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
             "light at relight hits by the true light; relight rays by sixteen times as many; the "
             "probes' band-limited radiance by what a receiver's rays meet (*unseen rays*: those "
             "whose end no probe sees among them); the sky inside probes by a receiver's own "
-            "visibility of it; automatic placement by probes set by hand; many bounces by one, "
-            "held against the truth of one. *explained*: what of bias and relative L2 error goes "
-            "away with it. Over receivers that lie in no other geometry, weighted by area.",
+            "visibility of it; automatic placement by probes set by hand, or moved by what they do "
+            "to the error; many bounces by one, held against the truth of one. *explained*: what "
+            "of bias and relative L2 error goes away with it. Over receivers that lie in no other "
+            "geometry, weighted by area.",
             markdown(ok[shown], formats),
             "![errors](srp-error.png)",
         )

@@ -11,6 +11,7 @@ from gibench.bake.run import BakeReport, run_bake
 from gibench.errors import BadInput
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.srp.bake import placement, placement_stages
+from gibench.techniques.srp.bake import trial as trial_module
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.placement import (
     TRIED_STARTS,
@@ -21,7 +22,15 @@ from gibench.techniques.srp.bake.placement import (
 )
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.stages import Given, srp_stages
-from gibench.techniques.srp.bake.trial import Lights, Offer, Trial, make_offers, make_trial
+from gibench.techniques.srp.bake.trial import (
+    SUMS,
+    Lights,
+    Offer,
+    Trial,
+    make_offers,
+    make_trial,
+    random_lights,
+)
 from gibench.techniques.srp.bake.weights import spatial_weight
 
 PLACES = np.array([[-0.6, 1.5, -0.7], [0.7, 0.4, 0.8], [0.0, 1.7, 0.1]])
@@ -82,10 +91,33 @@ def test_what_lights_send_along_a_ray(rng):
     escaped = np.array([True, True, False, False, False])
     seen = lights.seen(receiver, escaped, directions.astype(np.float32))
     lobes = np.maximum(directions[:2] @ lights.axis.T, 0) ** 2 * lights.sky
-    np.testing.assert_allclose(seen[:2], lobes, rtol=1e-5, atol=1e-6)
+    expected = lobes @ lights.share
+    np.testing.assert_allclose(seen[:2], expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
     assert not seen[2].any()
     np.testing.assert_array_equal(seen[3:], lights.sent[[3, 7]])
-    assert (trial.truth >= 0).all() and np.isfinite(trial.weight).all()
+    assert np.isfinite(trial.truth).all() and (trial.weight > 0).all()
+
+
+def test_sums_of_lights_are_the_sums_of_what_they_send(rng):
+    lights = Lights(
+        rng.random((9, 5)).astype(np.float32), rng.normal(size=(5, 3)), rng.random(5), np.eye(5)
+    )
+    share = rng.normal(size=(5, 3))
+    directions = rng.normal(size=(6, 3)).astype(np.float32)
+    receiver, escaped = np.array([2, -1, -1, 8, 0, -1]), np.array([0, 1, 0, 0, 0, 1], np.bool_)
+    each = lights.seen(receiver, escaped, directions).astype(np.float64)
+    summed = lights.summed(share).seen(receiver, escaped, directions)
+    np.testing.assert_allclose(summed, each @ share, rtol=0, atol=1e-5 * np.abs(each).sum())
+
+
+def test_an_error_under_the_sums_is_the_mean_of_all_lights_own(rng, monkeypatch):
+    """A truth that is nothing: every light errs by all of itself, so that the whole is 1 but for
+    the chance of the sums, whose squares are chi-squared with 2,000 degrees of freedom and fewer
+    where lights are alike.
+    """
+    monkeypatch.setattr(trial_module, "SUMS", 2000)
+    (_, _, _, _, trial, _), _ = trial_of(rng)
+    assert float((trial.weight * trial.truth**2).sum()) == pytest.approx(1.0, abs=0.2)
 
 
 def test_the_search_finds_the_place_that_sees_everything(rng):
@@ -96,7 +128,7 @@ def test_the_search_finds_the_place_that_sees_everything(rng):
     radiance = np.repeat(truth[:, None] / np.pi, rays, axis=1)
     trial = Trial(
         rng.random((receivers, 3)),
-        np.full((receivers, lights), 1.0 / (receivers * lights)),
+        np.full((receivers, 1), 1.0 / (receivers * lights)),
         np.zeros((receivers, rays, 3), np.float32),
         np.zeros((receivers, rays, 4), np.float32),
         np.zeros((receivers, rays), np.bool_),
@@ -130,9 +162,11 @@ def test_amid_open_space_probes_lie_like_a_lattice(rng, monkeypatch):
 
 def test_lights_leave_no_place_black_and_come_again(rng):
     (scene, lightmap, tracer, settings, trial, lights), _ = trial_of(rng)
-    assert isinstance(lights, Lights)
-    assert (lights.sent >= 0).all() and (lights.sent.max(axis=0) > 0).sum() > 20
-    assert trial.truth.max(axis=0).all()
+    around = np.eye(3, dtype=np.float32)
+    each = random_lights(scene, lightmap, tracer, PLACES, around, 0.1, rng)
+    assert (each.sent >= 0).all() and (each.sent.max(axis=0) > 0).sum() > 20
+    assert lights.sent.shape == (len(lightmap.receivers), SUMS) and lights.sent.any(axis=0).all()
+    assert trial.truth.any(axis=0).all()
     again, _ = make_trial(
         scene, lightmap, tracer, settings, ProbeSet(PLACES.astype(np.float32), 2.5), PLACES, 5
     )
@@ -143,7 +177,8 @@ def test_lights_leave_no_place_black_and_come_again(rng):
 
 
 def test_a_bake_places_by_error_and_goes_on_where_it_stopped(tmp_path, monkeypatch):
-    monkeypatch.setattr(placement_stages, "PLACES", 3)
+    monkeypatch.setattr(placement_stages, "OPEN", 3)
+    monkeypatch.setattr(trial_module, "RAYS", 24)
     monkeypatch.setattr(placement_stages, "FREE", 40)
     monkeypatch.setattr(placement, "STARTS", 8)
     report = BakeReport()

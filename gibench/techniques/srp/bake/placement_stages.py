@@ -32,14 +32,14 @@ from gibench.techniques.srp.bake.trial import (
 from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
-OFFERS_VERSION = PLACEMENT_VERSION = 1
+OFFERS_VERSION = PLACEMENT_VERSION = 2
 
-# Places to choose from for each probe, of each kind: beside surfaces, and anywhere in the open; and
-# those whose middle it is moved to first.
-PLACES, FREE = 10, 200
+# Places to choose from for each probe: beside surfaces, and anywhere in the open; and those whose
+# middle it is moved to first.
+BESIDE, OPEN, FREE = 2, 6, 200
 UNITS = 16
 # Then each probe is tried at so many places about its own, so far off, in radii of its support.
-MOVED, MOVES = 12, (0.15, 0.07)
+MOVED, MOVES = 12, (0.2, 0.12, 0.07)
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,8 @@ def make_ground(given: Placing, start: ProbeSet) -> Ground:
     )
     places = [
         middle.positions.astype(np.float64),
-        *(_some(kind, PLACES * wanted, rng) for kind in (beside, free)),
+        _some(beside, BESIDE * wanted, rng),
+        _some(free, OPEN * wanted, rng),
     ]
     return Ground(np.concatenate(places), middle.radius, *trials[0], trials[1])
 

@@ -4,7 +4,10 @@ The lights are spots at random places in the open, of random direction and width
 seen, suns in it; and where it shines, lobes of it: what may be switched on at runtime, not what the
 scene has. Surfaces reflect them, so that no place is black. The error of a set of probes is that of
 the irradiance that their band-limited radiance makes of each of these lights, by the rays of the
-receivers themselves, so that no ray's chance is part of it.
+receivers themselves, so that no ray's chance is part of it. Of few rays it would be mostly the
+chance of which ray meets what probes blur, which places cannot mend: hence many rays, and few
+random sums of the lights, whose squared errors add up to those of all lights on average
+(Hutchinson 1989).
 """
 
 from __future__ import annotations
@@ -28,8 +31,8 @@ from gibench.techniques.srp.bake.sh import sh_basis
 from gibench.techniques.srp.bake.transport import TransportBaker
 from gibench.techniques.srp.bake.weights import spatial_weight
 
-# Lights, rays of a receiver, and receivers in reach of a probe, about.
-LIGHTS, RAYS, IN_REACH = 128, 24, 100
+# Lights, random sums of them, rays of a receiver, and receivers in reach of a probe, about.
+LIGHTS, SUMS, RAYS, IN_REACH = 128, 16, 128, 200
 # A fourth of the lights are suns where more than this share of the rays escapes.
 _SKY_SHARE = 0.02
 # Half the width of a spot, degrees, and the least share of the receivers that it must light.
@@ -42,17 +45,24 @@ _BOUNCES, _BOUNCE_RAYS = 4, 1 << 20
 
 @dataclass(frozen=True)
 class Lights:
-    """Random lights.
+    """Sums of random lights.
 
     Attributes:
-        sent: (n, k) float32: what each receiver sends out under each, W/m2/sr.
-        axis: (k, 3) of a light that is a lobe of the sky.
-        sky: (k,) its strength, 0 for a spot.
+        sent: (n, k) float32: what each receiver sends out under each sum, W/m2/sr.
+        axis: (l, 3) of a light that is a lobe of the sky.
+        sky: (l,) its strength, 0 for a spot.
+        share: (l, k) of the lights in the sums.
     """
 
     sent: Floats = field(repr=False)
     axis: Doubles = field(repr=False)
     sky: Doubles = field(repr=False)
+    share: Doubles = field(repr=False)
+
+    def summed(self, share: Doubles) -> Lights:
+        """Sums of these, by the ``share`` (k, j) of each."""
+        sent = self.sent @ share.astype(np.float32)
+        return replace(self, sent=sent, share=self.share @ share)
 
     def seen(self, receiver: Ints, escaped: npt.NDArray[np.bool_], directions: Floats) -> Floats:
         """(r, k) float32 radiance along rays that meet ``receiver`` (r,), -1 for nothing or the
@@ -60,7 +70,7 @@ class Lights:
         """
         light = np.where(receiver[:, None] >= 0, self.sent[np.maximum(receiver, 0)], 0.0)
         lobes = np.maximum(directions[escaped].astype(np.float64) @ self.axis.T, 0.0) ** 2
-        light[escaped] = lobes * self.sky
+        light[escaped] = (lobes * self.sky) @ self.share
         return np.asarray(light, np.float32)
 
 
@@ -70,12 +80,12 @@ class Trial:
 
     Attributes:
         position: (m, 3) of the receivers, m.
-        weight: (m, k) what a squared error at a receiver counts.
+        weight: (m, 1) what a squared error at a receiver counts.
         place: (m, s, 3) float32: where a ray ends, lifted off the surface, or its direction.
         plane: (m, s, 4) float32 of the surface there.
         escaped: (m, s) rays that meet nothing.
         valid: (m, s) rays that meet nothing or the front of a surface.
-        truth: (m, k) irradiance, W/m2.
+        truth: (m, k) irradiance under each sum of lights, W/m2.
     """
 
     position: Doubles = field(repr=False)
@@ -94,7 +104,7 @@ class Offer:
     Attributes:
         receivers: (r,) of the trial within its reach.
         weight: (r, s) float32 its weight at each of their rays, 0 where it does not see the end.
-        light: (r, s, k) float16 its radiance there times 1, under each light.
+        light: (r, s, k) float16 its radiance there times 1, under each sum of lights.
     """
 
     receivers: Ints = field(repr=False)
@@ -180,7 +190,7 @@ def random_lights(
                 irradiance[:, light] = surfaces.spot(places, rng)
             if np.count_nonzero(irradiance[:, light]) >= _LEAST_LIT * len(lifted):
                 break
-    direct = Lights(irradiance / np.float32(pi), axis, sky)
+    direct = Lights(irradiance / np.float32(pi), axis, sky, np.eye(LIGHTS))
     return replace(direct, sent=_reflected(scene, lightmap, tracer, direct, rng))
 
 
@@ -246,7 +256,9 @@ def make_trial(
     open_places: Doubles,
     seed: int,
 ) -> tuple[Trial, Lights]:
-    """The trial of a scene, and its lights."""
+    """The trial of a scene, and the sums of lights: scaled so that the error of each light is
+    relative to its own power, and the mean of them counts.
+    """
     rng = np.random.default_rng([seed, 11])
     receivers = lightmap.receivers
     count = min(len(receivers), round(IN_REACH * max(1.0, len(start) / settings.overlap)))
@@ -274,18 +286,20 @@ def make_trial(
     shape = (count, RAYS)
     truth = pi * seen.reshape(*shape, -1).astype(np.float64).mean(axis=1)
     area = receivers.area[chosen].astype(np.float64)
+    area /= area.sum()
     power = area @ truth**2
-    weight = area[:, None] * np.divide(1.0, power, out=np.zeros_like(power), where=power > 0)
+    scale = np.sqrt(np.divide(1.0, power, out=np.zeros_like(power), where=power > 0))
+    share = scale[:, None] * rng.normal(size=(len(power), SUMS))
     trial = Trial(
         receivers.position[chosen].astype(np.float64),
-        weight / max(1, np.count_nonzero(power)),
+        area[:, None] / (SUMS * max(1, int(np.count_nonzero(power)))),
         place.astype(np.float32).reshape(*shape, 3),
         plane.reshape(*shape, 4),
         escaped.reshape(shape),
         valid.reshape(shape),
-        truth,
+        truth @ share,
     )
-    return trial, lights
+    return trial, lights.summed(share)
 
 
 def make_offers(
