@@ -13,12 +13,19 @@ import gibench
 from gibench.bake.lightmap import cached_lightmap
 from gibench.cli.main import call
 from gibench.errors import BadInput
+from gibench.measure.plan.grid import grid
+from gibench.profiles import load_profile
 from gibench.reference.path_tracer import reference_irradiance
 from gibench.report.which_one import cells, headings
 from gibench.scene.lightmap import some_receivers
 from gibench.scene.load import load_scene
+from gibench.study import run_errors
 from gibench.study.frozen import frozen
+from gibench.study.kept_light import SettledLight
 from gibench.study.run_errors import NO_LIGHT, QuickTruth, errors_of
+from gibench.study.site import Site
+from gibench.techniques.registry import find_technique
+from gibench.work import Worker
 
 
 def test_some_receivers_are_those_receivers(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -83,27 +90,26 @@ def test_a_run_ends_with_its_answer(tmp_path: Path) -> None:
     assert answer.sentence in again
 
 
-def test_a_scene_without_indirect_light_ranks_nothing(tmp_path: Path) -> None:
-    corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
-    walls = ("3 4 2 1", "6 8 7 5", "2 6 5 1", "7 8 4 3", "5 7 3 1", "4 8 6 2")  # seen from within
-    closed = tmp_path / "closed.obj"
-    closed.write_text("\n".join([*corners, *(f"f {wall}" for wall in walls), ""]))
-    made = gibench.run(
-        technique="ddgi",
-        settings={"ddgi.rays": 64},
-        probes=8,
-        scene=str(closed),
-        receivers=100,
-        resolution="32x18",
-        frames=3,
-        warmup=0,
-        out=tmp_path / "run",
-        cache_dir=tmp_path / "cache",
+def test_a_scene_without_indirect_light_ranks_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dark = np.zeros((5, 3))
+    light = SettledLight(
+        irradiance=dark,
+        covered=np.ones(5, np.bool_),
+        frames=8,
+        settled=True,
+        change=0.0,
+        unrested="",
+        memory_bytes=0,
     )
-    (answer,) = made.answers
-    assert answer.table["status"][0] == NO_LIGHT
-    assert np.isnan(answer.table["rel_l2"][0])
-    assert "nothing can be said" in answer.sentence
+    truth = QuickTruth(np.arange(5), dark, dark, np.ones(5), np.ones(5, np.bool_))
+    monkeypatch.setattr(run_errors, "settled_light", lambda *_: (light, None))
+    monkeypatch.setattr(run_errors, "quick_truth", lambda *_: truth)
+    profile, spec = load_profile("iphone7"), find_technique("ddgi")
+    (job,) = grid([profile], [spec], scenes=("cornell-box",), receivers=(5,))
+    (row,) = run_errors.run_errors([(1, job)], Site(tmp_path, 0), Worker())
+    assert row == {"configuration": 1, "unsettled": NO_LIGHT}
 
 
 def test_budgets_are_above_zero(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
