@@ -120,6 +120,21 @@ def test_of_settings_at_the_same_cost_the_truest_is_taken(point, monkeypatch, ta
     assert row["tried"] <= 3 * 5
 
 
+def test_a_time_that_is_another_when_it_is_measured_again_is_told(point, monkeypatch):
+    context, unit = point
+    measured = []
+
+    def drifting(context, job, worker):
+        measured.append(job)
+        return time_of(context, job, worker) * measured.count(job)
+
+    monkeypatch.setattr(equal, "_time_ms", drifting)
+    monkeypatch.setattr(equal, "_error_of", error_of)
+    monkeypatch.setattr(equal, "_judged", figures_of)
+    (row,) = equal._equal_time(replace(context, target=3.0), unit, Worker()).rows
+    assert row["gi_ms"] > 5.0 and not row["met"]
+
+
 def test_of_settings_equally_far_off_the_cheapest_is_taken(point, monkeypatch):
     context, unit = point
     monkeypatch.setattr(equal, "_time_ms", time_of)
