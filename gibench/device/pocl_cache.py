@@ -27,6 +27,9 @@ _STAMP = ".gibench-checked"
 _YOUNG_S = 2.0
 _ELF_HEADER = struct.Struct("<16sHHIQQQIHHHHHH")
 _BITCODE = b"BC\xc0\xde"
+# What PoCL is still writing, in whichever process: it is given its name once it is whole, and
+# nothing reads it before (``pocl_mk_tempname``). A busy compiler takes longer than _YOUNG_S.
+_UNFINISHED = "tempfile_"
 # Nothing that PoCL writes lies deeper than <two letters>/<hash>/<kernel>/<sizes>/<kernel>.so.
 _DEPTH = 5
 
@@ -154,7 +157,7 @@ def _files(folder: str, depth: int) -> Iterator[tuple[str, float]]:
         if entry.is_dir(follow_symlinks=False):
             if depth:
                 yield from _files(entry.path, depth - 1)
-        elif entry.name.endswith((".bc", ".so")):
+        elif entry.name.endswith((".bc", ".so")) and not entry.name.startswith(_UNFINISHED):
             try:
                 yield entry.path, entry.stat().st_mtime
             except FileNotFoundError:

@@ -99,6 +99,17 @@ def test_a_torn_entry_is_named_before_pocl_reads_it(filled: Path, suffix: str) -
     assert started({"POCL_CACHE_DIR": str(filled)}).returncode == 0
 
 
+@pytest.mark.parametrize("suffix", [".so", ".bc"])
+def test_what_another_process_is_writing_is_not_damaged(tmp_path: Path, suffix: str) -> None:
+    """PoCL makes an empty file and compiles for seconds before it fills and renames it."""
+    hour_ago = time.time() - 3600
+    for name, torn in (("tempfile_8ahB59", False), ("kernel", True)):
+        path = tmp_path / f"{name}{suffix}"
+        path.touch()
+        os.utime(path, (hour_ago, hour_ago))
+        assert torn_entry(tmp_path) == (path if torn else None)
+
+
 def test_only_what_is_new_is_looked_at_again(filled: Path) -> None:
     path = next(_aged(filled))
     data = path.read_bytes()
