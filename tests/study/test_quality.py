@@ -15,12 +15,10 @@ from gibench.measure.runfolder.axes import Axis
 from gibench.measure.statistics.faults import FAULTS
 from gibench.profiles import load_profile
 from gibench.report.quality import error_text, open_text
-from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.load import load_scene
 from gibench.scene.model import Camera, DirectionalLight, PointLight, Region, Scene
 from gibench.study.errors import Truth, errors, errors_among
 from gibench.study.frozen import frozen
-from gibench.study.quality import too_few
 from gibench.study.quality_rows import columns, result_names
 from gibench.study.receivers_file import read_reference, write_receivers
 from gibench.study.regions import read_regions
@@ -36,22 +34,6 @@ CAMERA = Camera((0.0, 0.0, 3.0), (0.0, 0.0, 0.0), fov_degrees=50.0, name="front"
 def wall():
     scene, lightmap = quad_scene([WALL], 16)
     return scene, lightmap, view(scene, lightmap, CAMERA, 60, 40)
-
-
-def test_receivers_that_stand_for_whole_walls_are_said(rng: np.random.Generator):
-    """One wall of 100 m2 among crumbs, each a chart that takes a texel of its own."""
-    at = rng.uniform(0.1, 1.0, (700, 3)) * (-10, 10, 10)
-    crumbs = [(tuple(p), (0.01, 0, 0), (0, 0.01, 0)) for p in at]
-    scene, _ = quad_scene([((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), (0.0, 10.0, 0.0)), *crumbs], 2)
-    few, enough = (unwrap(scene, count).receivers for count in (500, 6000))
-    area = few.area.astype(np.float64)
-    assert few.effective == pytest.approx(1 / np.square(area / area.sum()).sum())
-    assert few.effective < 10
-    told = too_few(few)
-    assert f"the {len(few)} receivers" in told and f"--receivers {2 * len(few):,}" in told
-    assert too_few(enough) is None
-    _, lightmap = quad_scene([WALL], 16)
-    assert lightmap.receivers.effective == pytest.approx(len(lightmap.receivers), rel=1e-5)
 
 
 def test_frozen_lights_are_those_of_one_frame_for_ever():

@@ -128,30 +128,13 @@ def table_2(frames: pd.DataFrame) -> str:
         key = {"setup": setup, "projection": how, "image": "1920x1080"}
         own = [ms(one(frames, f"{name}_ms", **key)) for name in names]
         rows.append([setup, how, *own, mib(one(frames, "memory_bytes", **key))])
-    high = {"surfels": 131_072}
-    rows.append(
-        [
-            "theirs, high",
-            "stored",
-            theirs("figure 8", "surfel_lighting", **high),
-            theirs("figure 8", "pull", **high),
-            theirs("figure 8", "cache_lighting", **high, links=254),
-            *([NONE] * 3),
-            theirs("section 5.3.1", "memory stored", setup="high"),
-        ]
-    )
-    moderate = {"surfels": 32_768}
-    rows.append(
-        [
-            "theirs, moderate",
-            "stored",
-            theirs("figure 8", "surfel_lighting", **moderate),
-            theirs("figure 8", "pull", **moderate),
-            theirs("section 5.3", "cache_lighting", setup="moderate"),
-            *([NONE] * 3),
-            theirs("section 5.3.1", "memory stored", setup="moderate"),
-        ]
-    )
+    for setup, surfels, lighting in (
+        ("high", 131_072, theirs("figure 8", "cache_lighting", surfels=131_072, links=254)),
+        ("moderate", 32_768, theirs("section 5.3", "cache_lighting", setup="moderate")),
+    ):
+        own = [theirs("figure 8", name, surfels=surfels) for name in ("surfel_lighting", "pull")]
+        held = theirs("section 5.3.1", "memory stored", setup=setup)
+        rows.append([f"theirs, {setup}", "stored", *own, lighting, *([NONE] * 3), held])
     return markdown(head, rows)
 
 
