@@ -90,8 +90,9 @@ def _form(trace: Trace, simd: int) -> _Formed:
     tables, ranges, items = trace.tables, trace.ranges, trace.request.items
     groups, blocks, accesses = len(trace.groups), len(tables.accesses), len(tables.kind)
     # To the end of the last buffer's page: what follows in it belongs to no buffer.
-    low = int(ranges.start[~ranges.is_local].min(initial=1 << 62))
-    high = -(-int(ranges.end[~ranges.is_local].max(initial=0)) // PAGESIZE) * PAGESIZE
+    buffers = ranges.is_given & ~ranges.is_local
+    low = int(ranges.start[buffers].min(initial=1 << 62))
+    high = -(-int(ranges.end[buffers].max(initial=0)) // PAGESIZE) * PAGESIZE
     formed = _Formed(
         np.zeros((groups, blocks), np.int64),
         np.zeros((groups, blocks), np.int64),
@@ -123,7 +124,7 @@ def _form(trace: Trace, simd: int) -> _Formed:
                 *(trace.words, starts[own], trace.ends[own], simd),
                 *(tables.accesses, tables.first_access, tables.post_dominator),
                 *(tables.kind, tables.nbytes, instructions, trace.chains),
-                *(ranges.start, ranges.end, ranges.is_local, low, high),
+                *(ranges.start, ranges.end, ranges.is_local, ranges.is_constant, low, high),
                 *(*parts, formed.where, strides, atomics, stream, wave_ends, waits),
             )
             if used <= len(stream) and count <= len(atomics):
@@ -196,8 +197,10 @@ def _traffic(trace: Trace, formed: _Formed, caches: Sequence[int]) -> _Traffic:
     sizes = np.maximum(np.array(caches, np.int64) // waves.SECTOR, 1)
     again = np.zeros(len(sizes))
     reuse = np.zeros(64, np.int64)
-    first_reads = np.zeros(len(trace.ranges.names))
-    first_writes = np.zeros(len(trace.ranges.names))
+    order = np.argsort(trace.ranges.start)
+    starts, ends = trace.ranges.start[order], trace.ranges.end[order]
+    first_reads = np.zeros(len(order))
+    first_writes = np.zeros(len(order))
     cold = total = seen = 0
     for run in np.unique(trace.run):
         members = np.nonzero(trace.run == run)[0]
@@ -209,14 +212,14 @@ def _traffic(trace: Trace, formed: _Formed, caches: Sequence[int]) -> _Traffic:
         again += fetched + written
         reuse += histogram
         # The last byte of a sector lies in the buffer whose first byte may lie before it.
-        of = np.searchsorted(trace.ranges.start, sectors * waves.SECTOR + waves.SECTOR - 1, "right")
+        of = np.searchsorted(starts, sectors * waves.SECTOR + waves.SECTOR - 1, "right")
         np.add.at(first_reads, of - 1, by_read)
         np.add.at(first_writes, of - 1, ever)
         cold += len(sectors)
         total += len(words)
         seen += len(members)
     scale = trace.total_groups / max(seen, 1)
-    most = -(-(trace.ranges.end - trace.ranges.start) // waves.SECTOR)
+    most = -(-(ends - starts) // waves.SECTOR)
     once = np.minimum(first_reads * scale, most) + np.minimum(first_writes * scale, most)
     dram = (again * scale + once.sum()) * waves.SECTOR
     return _Traffic(tuple(dram.tolist()), total * scale * waves.SECTOR, reuse, cold)
@@ -244,7 +247,7 @@ def _error(trace: Trace, above: Doubles, below: Doubles) -> float:
 def wave_streams(trace: Trace, simd: int) -> WaveStreams:
     """What the traced groups ask of memory, as waves of ``simd`` lanes."""
     formed = _form(trace, simd)
-    is_global = ~trace.ranges.is_local
+    is_global = ~trace.ranges.is_local & ~trace.ranges.is_constant
     start, end = trace.ranges.start[is_global], trace.ranges.end[is_global]
     order = np.argsort(start)
     first = start[order] // waves.SECTOR

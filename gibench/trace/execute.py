@@ -52,7 +52,9 @@ class Machine:
 
     Attributes:
         arena: of buffers and local memory given as arguments, in the arguments' order.
-        names: of the ranges: arguments, then the kernel's own local arrays.
+        names: of the ranges: arguments, then the kernel's own local arrays and the program's
+            constant ones.
+        constants: names of those that lie in constant memory.
     """
 
     def __init__(self, instrumented: Instrumented, request: TraceRequest, capacity: int) -> None:
@@ -80,8 +82,11 @@ class Machine:
             None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p
         )(self._engine.get_function_address("__trace_group"))
         self._fill(placed)
-        own = [(self._address(name), nbytes) for name, nbytes in instrumented.locals]
-        self.names = [a.name for a in placed] + [name for name, _ in instrumented.locals]
+        arrays = (*instrumented.locals, *instrumented.constants)
+        own = [(self._address(name), nbytes) for name, nbytes in arrays]
+        self.names = [a.name for a in placed] + [name for name, _ in arrays]
+        self.constants = [request.args[number].name for number in instrumented.constant_args]
+        self.constants += [name for name, _ in instrumented.constants]
         self.range_start = np.array([*self.arena.starts, *(a for a, _ in own)], np.int64)
         self.range_end = np.array([*self.arena.ends, *(a + n for a, n in own)], np.int64)
 

@@ -36,6 +36,14 @@ _CALL = re.compile(rf"\bcall .*?@({NAME})\(")
 _OPERATION = re.compile(r"^\s*(?:%\S+|%\"[^\"]*\") = (?:(?:tail|notail) )?(\w+)")
 _LABEL = re.compile(rf"^({NAME}):")
 _CONSTANT_PLACE = re.compile(r"getelementptr [^%@]*[%@][^,]*(?:, i\d+ -?\d+)+(?:, !|$)")
+_CONSTANT = re.compile(
+    rf"^@({NAME}) = (?:(?:private|internal|dso_local|local_unnamed_addr|unnamed_addr) )*"
+    rf"constant (\[.*)$",
+    re.MULTILINE,
+)
+_ARGUMENT_SPACES = re.compile(r"!kernel_arg_addr_space !(\d+)")
+_CONSTANT_SPACE = "i32 2"
+"""Constant memory in an OpenCL kernel's metadata (SPIR 1.2, section 2.2)."""
 _OWN = re.compile(r"@_(?:local_id|group_id|local_size|num_groups|global_offset|work_dim)")
 _FREE = frozenset(
     [
@@ -96,6 +104,8 @@ class Instrumented:
         chains: which of its loads wait for which.
         has_barriers: whether its work-items wait for each other.
         locals: names and bytes of the local arrays that the kernel declares itself.
+        constants: names and bytes of the program's own constant arrays.
+        constant_args: numbers of the arguments that lie in constant memory.
     """
 
     text: str
@@ -103,6 +113,8 @@ class Instrumented:
     chains: Chains
     has_barriers: bool
     locals: tuple[tuple[str, int], ...]
+    constants: tuple[tuple[str, int], ...]
+    constant_args: tuple[int, ...]
 
 
 @dataclass
@@ -125,6 +137,7 @@ def instrument(text: str, kernel: str) -> Instrumented:
     text = re.sub(
         r"^attributes (#\d+) = \{.*\}$", r"attributes \1 = { nounwind }", text, flags=re.M
     )
+    text = _CONSTANT.sub(r"@\1 = constant \2", text)  # found by name
     head, body, tail, define = _split(text, kernel)
     blocks = _blocks(body)
     tables = _tables(blocks)
@@ -136,7 +149,10 @@ def instrument(text: str, kernel: str) -> Instrumented:
     joined = "\n".join([head, *lines, tail, runtime])
     barriers = any("@pocl.barrier(" in line for line in body)
     local = tuple(_locals(head, kernel))
-    return Instrumented(joined, tables, _chains(blocks, tables), barriers, local)
+    return Instrumented(
+        joined, tables, _chains(blocks, tables), barriers, local,
+        _constants(head), _constant_args(define, tail),
+    )  # fmt: skip
 
 
 def _chains(blocks: list[_Block], tables: Tables) -> Chains:
@@ -323,6 +339,21 @@ def _tables(blocks: list[_Block]) -> Tables:
 def _locals(head: str, kernel: str) -> list[tuple[str, int]]:
     pattern = re.compile(rf'^@"?({re.escape(kernel)}\.[^ "]+)"? = [^\n]*?global (.*)$', re.M)
     return [(name, nbytes_of(_first_type(rest))) for name, rest in pattern.findall(head)]
+
+
+def _constants(head: str) -> tuple[tuple[str, int], ...]:
+    found = [(unquoted(name), _first_type(rest)) for name, rest in _CONSTANT.findall(head)]
+    return tuple((name, nbytes_of(kind)) for name, kind in found if "%" not in kind)
+
+
+def _constant_args(define: str, tail: str) -> tuple[int, ...]:
+    named = _ARGUMENT_SPACES.search(define)
+    if named is None:
+        return ()
+    told = re.search(rf"^!{named[1]} = !{{(.*)}}$", tail, re.MULTILINE)
+    assert told is not None
+    spaces = told[1].split(", ")
+    return tuple(number for number, space in enumerate(spaces) if space == _CONSTANT_SPACE)
 
 
 def _parts(text: str) -> list[str]:

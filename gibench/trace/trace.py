@@ -24,22 +24,31 @@ from gibench.trace.instrument import Tables
 from gibench.trace.request import Sampling, TraceRequest, write_request
 from gibench.trace.worker import CACHE
 
+CONSTANT_CACHE = 8 << 10
+"""Bytes of a unit's cache of constant memory (NVIDIA, "CUDA C++ Programming Guide", "Technical
+Specifications per Compute Capability"); larger arrays are charged as global memory.
+"""
+
 
 @dataclass(frozen=True)
 class Ranges:
     """Where buffers and local memory lie (n of them).
 
     Attributes:
-        names: of arguments and local arrays.
+        names: of arguments, local arrays and constant ones.
         start: address (n,).
         end: address behind it (n,).
         is_local: whether it is local memory (n,).
+        is_constant: whether a constant cache serves it (n,).
+        is_given: whether it is an argument's, and so lies among other buffers (n,).
     """
 
     names: tuple[str, ...]
     start: Longs
     end: Longs
     is_local: npt.NDArray[np.bool_]
+    is_constant: npt.NDArray[np.bool_]
+    is_given: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -157,10 +166,7 @@ def _read(folder: Path, request: TraceRequest, sampling: Sampling) -> Trace:
         name: np.load(folder / f"{name}.npy")
         for name in ("words", "ends", "groups", "run", "range_start", "range_end")
     }
-    start, end = arrays.pop("range_start"), arrays.pop("range_end")
-    own = {name for name, _ in told["locals"]}
-    by_argument = {argument.name: argument for argument in request.args}
-    is_local = [name in own or by_argument[name].data is None for name in told["names"]]
+    ranges = _ranges(told, request, arrays.pop("range_start"), arrays.pop("range_end"))
     outputs = {}
     for number, argument in enumerate(request.args):
         file = folder / f"out{number}.npy"
@@ -171,7 +177,23 @@ def _read(folder: Path, request: TraceRequest, sampling: Sampling) -> Trace:
         request=request,
         tables=Tables(**np.load(folder / "tables.npz")),
         chains=Chains(**np.load(folder / "chains.npz")),
-        ranges=Ranges(tuple(told["names"]), start, end, np.array(is_local, bool)),
+        ranges=ranges,
         outputs=outputs,
         **arrays,
+    )
+
+
+def _ranges(told: Mapping[str, Any], request: TraceRequest, start: Longs, end: Longs) -> Ranges:
+    names, constants = tuple(told["names"]), set(told["constants"])
+    own = {name for name, _ in told["locals"]}
+    given = {argument.name: argument for argument in request.args}
+    local = [n in own or (n in given and given[n].data is None) for n in names]
+    fits = end - start <= CONSTANT_CACHE
+    return Ranges(
+        names=names,
+        start=start,
+        end=end,
+        is_local=np.array(local, bool),
+        is_constant=np.array([name in constants for name in names], bool) & fits,
+        is_given=np.array([name in given for name in names], bool),
     )

@@ -87,6 +87,21 @@ def _request(lanes, count, width, kind, base, local, sums, row, stream, used):  
 
 
 @njit(cache=True)
+def _constant(lanes, count, width, sums, row):  # pragma: no cover
+    """A load of constant memory; returns the issue slots that it takes. Where all lanes read one
+    address it is as fast as a register, else each address has its turn (NVIDIA, "CUDA C++ Best
+    Practices Guide", "Constant Memory").
+    """
+    _sorted(lanes, count)
+    distinct = 1
+    for i in range(1, count):
+        distinct += lanes[i] != lanes[i - 1]
+    sums[row, REQUESTS] += 1
+    sums[row, LANES] += count
+    return 0 if distinct == 1 else distinct * ((width + REQUEST - 1) // REQUEST)
+
+
+@njit(cache=True)
 def _wait(
     block,
     accesses,
@@ -166,6 +181,7 @@ def form_waves(
     range_start,
     range_end,
     range_local,
+    range_constant,
     span_low,
     span_high,
     block_waves,
@@ -195,6 +211,7 @@ def form_waves(
         range_start: of buffers and local memory.
         range_end: behind them.
         range_local: whether a range is local memory.
+        range_constant: whether a constant cache serves it.
         span_low: where global memory begins.
         span_high: where it ends: an address in it and in no range is outside every buffer.
         block_waves: added to: waves that ran a block (b,).
@@ -298,6 +315,12 @@ def form_waves(
                     if strides[row, 1] == 0:
                         strides[row, 0] = stride
                     strides[row, 1] += 1 if strides[row, 0] == stride else -1
+                if range_constant[found]:
+                    is_global[number] = -1
+                    taken = _constant(lanes, kept, widths[row], sums, row)
+                    counted = max(1, (widths[row] + REQUEST - 1) // REQUEST)
+                    wave_waits[wave, ISSUED] += taken - counted
+                    continue
                 if kinds[row] == 2:
                     for i in range(kept):
                         if atomic_count < len(atomics):

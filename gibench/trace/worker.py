@@ -75,7 +75,8 @@ def trace(folder: Path) -> None:
                 np.save(folder / f"out{number}.npy", machine.arena.view(place))
             place += 1
     told = {"too_large": found.too_large, "names": machine.names,
-            "locals": [list(each) for each in instrumented.locals]}  # fmt: skip
+            "locals": [list(each) for each in instrumented.locals],
+            "constants": machine.constants}  # fmt: skip
     (folder / "done.json").write_text(json.dumps(told), encoding="utf-8")
 
 
