@@ -22,6 +22,8 @@ from gibench.rays.embree import scene_tracer
 from gibench.rays.offset import surface_offset
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import ProbeSettings, Scene
+from gibench.techniques.parts.captured_probes.lighting import direct_irradiance
+from gibench.techniques.parts.captured_probes.points import Points
 from gibench.techniques.srp.bake.data import SrpBake
 from gibench.techniques.srp.bake.host_light import (
     from_clusters,
@@ -98,6 +100,33 @@ def with_true_light(parts: Parts) -> Doubles:
     """Light by probes that see the true light at the end of each relight ray."""
     albedo = parts.lightmap.receivers.albedo
     return parts.gather(parts.sent + albedo / pi * parts.truth)
+
+
+def with_light_of_the_point(parts: Parts) -> Doubles:
+    """Light by probes that see the direct light of the very point where each relight ray ends,
+    not that of the middle of its receiver.
+    """
+    scene, tracer, relight = parts.scene, scene_tracer(parts.scene), parts.bake.relight
+    receivers, normals = parts.lightmap.receivers, triangle_planes(parts.scene.corners)[:, :3]
+    basis, albedo = relight.basis.astype(np.float64), receivers.albedo.astype(np.float64)
+    first = np.empty((len(relight.texel), basis.shape[1], 3))
+    for position, texel, out in zip(parts.bake.probes.positions, relight.texel, first, strict=True):
+        start = np.broadcast_to(position.astype(np.float32), relight.directions.shape)
+        hits = tracer.closest(start, relight.directions)
+        met = np.flatnonzero(texel >= 0)
+        own = parts.lightmap.receiver_of_texel[texel[met]]
+        along = hits.distance[met, None].astype(np.float64) * relight.directions[met]
+        normal = normals[hits.triangle[met]].astype(np.float64)
+        points = Points(position + along, normal, normal)
+        direct = direct_irradiance(scene, scene.lights_at(0), tracer, points)
+        out[:] = basis[met].T @ (receivers.emission[own] + albedo[own] / pi * direct)
+
+    def gather(sent: Doubles) -> Doubles:
+        reflected = sent - parts.sent
+        light = probe_radiance(relight, parts.lightmap, reflected, scene.environment)
+        return from_clusters(parts.bake.clusters, first + light, parts.count)
+
+    return parts.light(gather)
 
 
 def with_more_relight_rays(parts: Parts) -> Doubles:
@@ -218,6 +247,7 @@ REPLACEMENTS: dict[str, Callable[[Parts], Doubles]] = {
     "compression": without_compression,
     "visibility tables": partial(baked_otherwise, visibility="exact"),
     "light at relight hits": with_true_light,
+    "direct light of the map": with_light_of_the_point,
     "relight rays": with_more_relight_rays,
     "band limit": without_band_limit,
     "band limit, unseen rays": partial(without_band_limit, unseen=True),

@@ -204,7 +204,8 @@ def test_an_image_without_coordinates_or_of_one_colour_is_its_mean(tmp_path: Pat
     assert only(scene).roughness == pytest.approx(0.1)
     assert "coordinates" not in str(scene.warnings)
     scene = obj(tmp_path, "map_Pr none.png")
-    assert "1 texture missing or unreadable (none.png)" in str(scene.warnings)
+    said = "1 texture missing or unreadable (none.png): the material's own numbers used"
+    assert said in str(scene.warnings)
 
 
 def test_gloss_changes_no_result(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -145,7 +145,9 @@ def test_one_channel_is_no_normal_map(tmp_path: Path) -> None:
 def test_missing_maps_and_coordinates_are_said(tmp_path: Path, keyword: str) -> None:
     scene = obj(tmp_path, f"{keyword} none.png", None)
     assert scene.normal_maps is None
-    assert [w for w in scene.warnings if "1 texture missing or unreadable (none.png)" in w]
+    said = "1 texture missing or unreadable (none.png): the geometric normal used"
+    assert [w for w in scene.warnings if w.endswith(said)]
+    assert "plain colours" not in str(scene.warnings)
     image = png(colours(np.tile((0.0, 0.6, 0.8), (4, 4, 1))))
     scene = obj(tmp_path, f"{keyword} a.png", image, "f 1 2 3 4\n")
     assert scene.normal_maps is None

@@ -53,6 +53,26 @@ def test_negative_indices_count_from_where_they_stand(tmp_path: Path) -> None:
     assert scene.uvs[scene.triangles][:, :, 1].tolist() == [[0] * 3, [1] * 3, [2] * 3]
 
 
+@pytest.mark.parametrize(
+    ("statement", "instead"),
+    [
+        ("map_Kd", "plain colours"),
+        ("map_Ke", "plain colours"),
+        ("map_d", "the material's own opacity"),
+        ("norm", "the geometric normal"),
+        ("map_Pm", "the material's own numbers"),
+    ],
+)
+def test_what_there_is_instead_of_a_missing_image_is_said(
+    tmp_path: Path, statement: str, instead: str
+) -> None:
+    (tmp_path / "a.mtl").write_text(f"newmtl m\nKd 0.5 0.5 0.5\n{statement} gone.png\n")
+    scene = _load(tmp_path, f"mtllib a.mtl\n{SQUARE}usemtl m\nf 1 2 3 4\n")
+    said = [line for line in scene.warnings if "gone.png" in line]
+    assert len(said) == 1
+    assert said[0].endswith(f"1 texture missing or unreadable (gone.png): {instead} used")
+
+
 def test_groups_materials_and_textures(tmp_path: Path) -> None:
     Image.fromarray(np.uint8([[[255, 255, 255]]])).save(tmp_path / "White One.bmp")
     Image.fromarray(np.uint8([[[255, 0, 0], [0, 0, 0]]])).save(tmp_path / "red.tga")

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from gibench.bake.run import run_bake
 from gibench.cli.main import call
 from gibench.rays.embree import scene_tracer
 from gibench.resources import data
 from gibench.scene.load import load_scene
+from gibench.study import srp_parts
 from gibench.study.experiments import srp_error
+from gibench.study.site import Site
+from gibench.techniques.srp.bake.settings import SrpBakeSettings
+from gibench.techniques.srp.bake.stages import Given, srp_stages
 from gibench.techniques.srp.bake.voxels import view_shares
 
 
@@ -54,3 +61,34 @@ def test_probes_set_by_hand_are_as_many_and_in_the_open(name):
     assert len(own.probes) == scene.probes.count
     front, back = view_shares(own.probes, scene, scene_tracer(scene))
     assert (front > 0.2).all() and (back < 0.25).all()
+
+
+def test_light_of_the_point_is_that_of_the_map_where_light_is_even(tmp_path, monkeypatch, rng):
+    """Under direct light that is the same everywhere, it does not matter which point is asked; and
+    the points that are asked lie in the planes of receivers, whose normals they have.
+    """
+    scene, shared = load_scene("cornell-box"), Site(tmp_path).standing()
+    lightmap = shared.lightmap("cornell-box", 300)
+    own = lightmap.receivers
+    settings = SrpBakeSettings(sh_order=2, transport_rays=32, relight_samples=64)
+    bake = run_bake(srp_stages(Given(scene, lightmap, settings, 0)), Path(tmp_path))
+    even = rng.uniform(1, 4, 3)
+    asked = []
+
+    def direct(scene, lights, tracer, at):
+        asked.append(at)
+        return np.tile(even, (len(at.position), 1))
+
+    monkeypatch.setattr(srp_parts, "direct_irradiance", direct)
+    sent = own.emission + own.albedo.astype(np.float64) / np.pi * even
+    nothing = np.zeros_like(sent)
+    parts = srp_parts.Parts(scene, lightmap, settings, bake, sent, nothing, 0, tmp_path)
+    found, plain = srp_parts.with_light_of_the_point(parts), parts.light()
+    assert plain.mean() > 0.1
+    np.testing.assert_allclose(found, plain, rtol=1e-9, atol=1e-9)
+    at = np.concatenate([points.position for points in asked])
+    normal = np.concatenate([points.normal for points in asked])
+    assert len(at) > 0.8 * 64 * len(bake.probes)
+    off = np.einsum("nrx,rx->nr", at[:, None] - own.position, own.normal.astype(np.float64))
+    along = normal @ own.normal.T.astype(np.float64)
+    assert ((np.abs(off) < 1e-3) & (along > 0.999)).any(axis=1).mean() > 0.95

@@ -42,6 +42,14 @@ NORMAL_MAP = "normal map"
 # Illumination models of glass (MTL format: 4, 6, 7 and 9), which say nothing of how much passes.
 _GLASS = ("4", "6", "7", "9")
 _GLOSS_MAPS = ("map_pr", "map_pm")
+# What there is instead of an image that is missing, by the statement that named it.
+_INSTEAD = {
+    "map_kd": "plain colours",
+    "map_ke": "plain colours",
+    "map_d": "the material's own opacity",
+    **dict.fromkeys(_NORMAL_MAPS, "the geometric normal"),
+    **dict.fromkeys(_GLOSS_MAPS, "the material's own numbers"),
+}
 GLOSS_MAP = "gloss map"
 """Likewise of roughness and metalness, of which one image is made."""
 
@@ -108,7 +116,7 @@ class _Reader:
         self.warnings: list[str] = []
         self.textures: dict[Path, Texture] = {}
         self.transforms: dict[tuple[int, str], Transform] = {}
-        self.missing: list[str] = []
+        self.missing: dict[str, list[str]] = {}  # files, by what there is instead
         self.options: list[str] = []
         self.senseless: list[str] = []
         self.earlier: list[tuple[str, _Entries]] = []  # definitions that later ones replace
@@ -170,10 +178,10 @@ class _Reader:
                 f"{counted(len(unknown), 'material')} not defined ({_some(unknown)}): default "
                 "colours used"
             )
-        if self.missing:
+        for instead, files in self.missing.items():
             self.warnings.append(
-                f"{counted(len(set(self.missing)), 'texture')} missing or unreadable "
-                f"({_some(self.missing)}): plain colours used"
+                f"{counted(len(set(files)), 'texture')} missing or unreadable "
+                f"({_some(files)}): {instead} used"
             )
         if self.options:
             self.warnings.append(f"options of texture maps not used: {_some(self.options)}")
@@ -198,13 +206,13 @@ class _Reader:
         texture, emission_map, opacity_map = -1, None, None
         image = self._image(entries, number, "map_kd")
         if image is not None:
-            texture = self._texture(*image)
+            texture = self._texture(*image, "map_kd")
         glow = self._image(entries, number, "map_ke")
         if glow is not None:
-            emission_map = self._decoded(*glow, radiance_from_bytes)
+            emission_map = self._decoded(*glow, "map_ke", radiance_from_bytes)
         cut_out = self._image(entries, number, "map_d")
         if cut_out is not None:
-            opacity_map = self._decoded(*cut_out, opacity_from_bytes)
+            opacity_map = self._decoded(*cut_out, "map_d", opacity_from_bytes)
         # With a texture but no Kd, the texture is the albedo; with Kd 0 the exporter has left it to
         # the texture as well. So for emission.
         color = self._color(entries, "kd", WHITE if texture >= 0 else DEFAULT_COLOR)
@@ -266,7 +274,9 @@ class _Reader:
         for keyword in _GLOSS_MAPS:
             image = self._image(entries, number, keyword)
             transforms.append(self.transforms.pop((number, keyword), None))
-            images.append(None if image is None else self._decoded(*image, grey_from_bytes))
+            images.append(
+                None if image is None else self._decoded(*image, keyword, grey_from_bytes)
+            )
         given = [image for image in images if image is not None]
         if not given:
             return None
@@ -309,26 +319,29 @@ class _Reader:
         statement = map_statement(entries.values[keyword])
         file = find_near((entries.file.parent, self.folder), statement.file)
         if file is None:
-            self.missing.append(statement.file)
+            self._misses(statement.file, keyword)
             return None
         if statement.transform != MapStatement("").transform:
             self.transforms[number, keyword] = statement.transform
         self.options += statement.ignored
         return statement.file, file
 
-    def _texture(self, name: str, file: Path) -> int:
+    def _misses(self, name: str, keyword: str) -> None:
+        self.missing.setdefault(_INSTEAD[keyword], []).append(name)
+
+    def _texture(self, name: str, file: Path, keyword: str) -> int:
         if file not in self.textures:
-            texture = self._decoded(name, file, texture_from_bytes)
+            texture = self._decoded(name, file, keyword, texture_from_bytes)
             if texture is None:
                 return -1
             self.textures[file] = texture
         return list(self.textures).index(file)
 
-    def _decoded(self, name: str, file: Path, decode: Decoder) -> Texture | None:
+    def _decoded(self, name: str, file: Path, keyword: str, decode: Decoder) -> Texture | None:
         try:
             return decode(name, read_bytes(file))
         except (UnreadableImage, BadInput):
-            self.missing.append(name)
+            self._misses(name, keyword)
             return None
 
     def _name(self, entries: _Entries, *keywords: str) -> str:

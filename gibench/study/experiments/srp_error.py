@@ -191,9 +191,10 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
         (
             "*nothing*: SRP's steps on the host in float64; *as it runs*: on the device. Every "
             "other row replaces one part: compression by none; visibility tables by exact rays; "
-            "light at relight hits by the true light; relight rays by sixteen times as many; the "
-            "probes' band-limited radiance by what a receiver's rays meet (*unseen rays*: those "
-            "whose end no probe sees among them); the sky inside probes by a receiver's own "
+            "light at relight hits by the true light; the map's direct light, that of the middle "
+            "of each receiver, by that of the point hit; relight rays by sixteen times as many; "
+            "the probes' band-limited radiance by what a receiver's rays meet (*unseen rays*: "
+            "those whose end no probe sees among them); the sky inside probes by a receiver's own "
             "visibility of it; automatic placement by probes set by hand, or moved by what they do "
             "to the error; many bounces by one, held against the truth of one. *explained*: what "
             "of bias and relative L2 error goes away with it. Over receivers that lie in no other "
