@@ -105,8 +105,8 @@ def _points(context: Context) -> Iterator[Point]:
     for name in context.scene_or(*_SCENES):
         scene = context.site.standing().scene(name).name
         own = Own.of(scene)
-        replaced = [_RUN, *REPLACEMENTS]
-        replaced += [] if own.probes is None else [_PLACEMENT]
+        by_hand = [] if own.probes is None else [_PLACEMENT]
+        replaced = [_RUN, *by_hand, *REPLACEMENTS]
         for what in replaced:
             yield Point({"scene": scene, "replaced": what}, _job(context, name, own))
 
