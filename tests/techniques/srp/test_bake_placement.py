@@ -82,6 +82,31 @@ def test_an_offer_is_the_direct_evaluation_in_float64(rng):
     assert without.with_probe(offers[2]) == pytest.approx(state.error.sum(), rel=1e-3)
 
 
+def test_receivers_that_are_left_dark_count_nothing(rng):
+    """One probe of short reach at first: what it reaches counts if it sees the ends of a fifth of
+    its rays, found here by rays the other way; all else does not.
+    """
+    scene, lightmap = room(4, open_top=True)
+    tracer = EmbreeTracer(scene.corners, threads=1)
+    at = PLACES[rng.integers(len(PLACES)), None] + rng.uniform(-0.05, 0.05, (1, 3))
+    start = ProbeSet(at.astype(np.float32), 1.2)
+    settings = SrpBakeSettings(sh_order=1, relight_samples=64, least_valid=0.2)
+    trial, _ = make_trial(scene, lightmap, tracer, settings, start, PLACES, int(rng.integers(1000)))
+    counts, place = trial.weight[:, 0] > 0, start.positions[0]
+    own = np.linalg.norm(trial.position - place, axis=1) < 1.2
+    assert 0 < counts.sum() < len(counts) and not counts[~own].any()
+    end, escaped = trial.place[own], trial.escaped[own]
+    origin = np.where(escaped[..., None], place, end).reshape(-1, 3)
+    way = np.where(escaped[..., None], end, place - end).reshape(-1, 3)
+    limit = np.where(escaped, np.inf, 1.0).astype(np.float32)
+    seen = ~tracer.occluded(origin, way, limit.ravel()).reshape(limit.shape)
+    plane = trial.plane[own]
+    seen &= escaped | (plane[..., :3] @ place > plane[..., 3])
+    share = (trial.valid[own] & seen).mean(axis=1)
+    sure = np.abs(share - 0.2) > 0.03
+    assert np.array_equal(counts[own][sure], share[sure] > 0.2)
+
+
 def test_what_lights_send_along_a_ray(rng):
     """A lobe of the sky is the squared cosine about its axis; a black end is black."""
     (_, _, _, _, trial, lights), _ = trial_of(rng)

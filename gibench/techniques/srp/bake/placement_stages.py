@@ -32,7 +32,7 @@ from gibench.techniques.srp.bake.trial import (
 from gibench.work import Worker
 
 # Raised whenever what a stage computes, or how it is stored, changes.
-OFFERS_VERSION = PLACEMENT_VERSION = 2
+OFFERS_VERSION = PLACEMENT_VERSION = 3
 
 # Places to choose from for each probe: beside surfaces, and anywhere in the open; and those whose
 # middle it is moved to first.
@@ -105,6 +105,7 @@ def placement_stages(
             OFFERS_VERSION,
             settings.order,
             settings.relight_samples,
+            settings.least_valid,
             lightmap.receivers.albedo,
             _sky_shines(scene),
             needs=(start,),

@@ -96,6 +96,30 @@ class Trial:
     valid: npt.NDArray[np.bool_] = field(repr=False)
     truth: Doubles = field(repr=False)
 
+    def reached_from(self, place: Doubles, radius: float) -> Doubles:
+        """(m,) weights of a probe at ``place`` (3,), m, of support ``radius``, m: 0 out of reach,
+        and where a receiver counts nothing.
+        """
+        distance = np.linalg.norm(self.position - place, axis=1)
+        return np.where(self.weight[:, 0] > 0, spatial_weight(distance / radius), 0.0)
+
+    def seen_from(
+        self, place: Doubles, own: Ints, tracer: RayTracer
+    ) -> tuple[npt.NDArray[np.bool_], Doubles]:
+        """Which ends (r, s) of the rays of receivers ``own`` (r,) are seen from ``place`` (3,), m,
+        and (r, s, 3) the way to them.
+        """
+        end, escaped = self.place[own].astype(np.float64), self.escaped[own]
+        toward = np.where(escaped[..., None], end, end - place)
+        plane = self.plane[own].astype(np.float64)
+        ask = self.valid[own] & (escaped | (plane[..., :3] @ place > plane[..., 3]))
+        sees = ask.copy()
+        limit = np.where(escaped, np.inf, 1.0 - SHORT_OF_TARGET).astype(np.float32)
+        rays = toward[ask].astype(np.float32)
+        origins = np.ascontiguousarray(np.broadcast_to(place.astype(np.float32), rays.shape))
+        sees[ask] = ~tracer.occluded(origins, rays, limit[ask])
+        return sees, toward
+
 
 @dataclass(frozen=True)
 class Offer:
@@ -258,6 +282,10 @@ def make_trial(
 ) -> tuple[Trial, Lights]:
     """The trial of a scene, and the sums of lights: scaled so that the error of each light is
     relative to its own power, and the mean of them counts.
+
+    Receivers that ``start`` leaves dark, as of too few of their rays any probe sees the end, count
+    nothing: from inside of a building no probe can serve its outside, which under the sky would be
+    most of the error.
     """
     rng = np.random.default_rng([seed, 11])
     receivers = lightmap.receivers
@@ -285,21 +313,34 @@ def make_trial(
     seen = lights.seen(met, escaped, flat)
     shape = (count, RAYS)
     truth = pi * seen.reshape(*shape, -1).astype(np.float64).mean(axis=1)
-    area = receivers.area[chosen].astype(np.float64)
-    area /= area.sum()
-    power = area @ truth**2
-    scale = np.sqrt(np.divide(1.0, power, out=np.zeros_like(power), where=power > 0))
-    share = scale[:, None] * rng.normal(size=(len(power), SUMS))
     trial = Trial(
         receivers.position[chosen].astype(np.float64),
-        area[:, None] / (SUMS * max(1, int(np.count_nonzero(power)))),
+        np.ones((count, 1)),
         place.astype(np.float32).reshape(*shape, 3),
         plane.reshape(*shape, 4),
         escaped.reshape(shape),
         valid.reshape(shape),
-        truth @ share,
+        truth,
     )
-    return trial, lights.summed(share)
+    served = _served(trial, tracer, start, settings.least_valid)
+    area = receivers.area[chosen] * (served if served.any() else np.ones(count))
+    area /= area.sum()
+    power = area @ truth**2
+    scale = np.sqrt(np.divide(1.0, power, out=np.zeros_like(power), where=power > 0))
+    share = scale[:, None] * rng.normal(size=(len(power), SUMS))
+    weight = area[:, None] / (SUMS * max(1, int(np.count_nonzero(power))))
+    return replace(trial, weight=weight, truth=truth @ share), lights.summed(share)
+
+
+def _served(
+    trial: Trial, tracer: RayTracer, probes: ProbeSet, least_valid: float
+) -> npt.NDArray[np.bool_]:
+    """(m,) receivers that ``probes`` do not leave dark."""
+    seen = np.zeros_like(trial.valid)
+    for place in probes.positions.astype(np.float64):
+        own = np.flatnonzero(trial.reached_from(place, probes.radius) > 0).astype(np.int32)
+        seen[own] |= trial.seen_from(place, own, tracer)[0]
+    return np.asarray(seen.mean(axis=1) >= max(least_valid, 1e-9))
 
 
 def make_offers(
@@ -323,20 +364,12 @@ def make_offers(
     for place, texel in zip(places, relight.texel, strict=True):
         met = np.where(texel >= 0, lightmap.receiver_of_texel[np.maximum(texel, 0)], -1)
         light = basis.T @ lights.seen(met, texel == ESCAPED, relight.directions)
-        reach = spatial_weight(np.linalg.norm(trial.position - place, axis=1) / radius)
-        own = np.flatnonzero(reach > 0)
-        end, escaped = trial.place[own].astype(np.float64), trial.escaped[own]
-        toward = np.where(escaped[..., None], end, end - place)
-        plane = trial.plane[own].astype(np.float64)
-        ask = trial.valid[own] & (escaped | (plane[..., :3] @ place > plane[..., 3]))
-        sees = ask.copy()
-        limit = np.where(escaped, np.inf, 1.0 - SHORT_OF_TARGET).astype(np.float32)
-        rays = toward[ask].astype(np.float32)
-        origins = np.ascontiguousarray(np.broadcast_to(place.astype(np.float32), rays.shape))
-        sees[ask] = ~tracer.occluded(origins, rays, limit[ask])
+        reach = trial.reached_from(place, radius)
+        own = np.flatnonzero(reach > 0).astype(np.int32)
+        sees, toward = trial.seen_from(place, own, tracer)
         given = np.zeros((*sees.shape, light.shape[1]), np.float16)
         unit = toward[sees] / np.linalg.norm(toward[sees], axis=1, keepdims=True)
         given[sees] = sh_basis(settings.order, unit) @ light
         weight = (sees * reach[own, None]).astype(np.float32)
-        offers.append(Offer(own.astype(np.int32), weight, given))
+        offers.append(Offer(own, weight, given))
     return offers
