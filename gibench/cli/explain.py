@@ -54,15 +54,16 @@ def explain(
     workgroup_size: options.WorkgroupSizes = None,
     settings: options.Set = None,
     frame: Annotated[
-        int,
+        int | None,
         typer.Option(
             "--frame",
             min=0,
             metavar="N",
-            help="The frame that is traced; those before it run as ever.",
+            help="The frame that is traced; those before it run as ever. By default the first that "
+            "finds the technique at rest, the 33rd at least.",
             rich_help_panel=options.OUTPUT,
         ),
-    ] = 4,
+    ] = None,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
     out: Annotated[

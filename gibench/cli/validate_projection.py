@@ -9,6 +9,8 @@ import typer
 
 from gibench.cli import options
 
+_NONE: list[Path] = []
+
 
 def validate_projection(
     predictions: Annotated[
@@ -35,10 +37,21 @@ def validate_projection(
             "--out",
             "-o",
             metavar="DIR",
-            help="Folder for validation.csv, rows.csv and best.csv; nothing is written by default.",
+            help="Folder for validation.csv, rows.csv and best.csv, or orders.csv and passes.csv; "
+            "nothing is written by default.",
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    here: Annotated[
+        list[Path],
+        typer.Option(
+            "--here",
+            metavar="RUN",
+            help="Instead hold this run's measured passes against its projection onto the device "
+            "that ran it (gibench project RUN -d PROFILE): orders only. Repeat it for several.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = _NONE,
     cache_dir: options.CacheDir = None,
     quiet: options.Quiet = False,
 ) -> None:
@@ -48,18 +61,28 @@ def validate_projection(
     their range, how wide ranges are, how far off nominal times, and whether verdicts called sure
     were right. With --predict it makes predictions, which needs the extra 'project'.
 
-    Example:
+    With --here it says how well a projection keeps the order of passes that were measured on this
+    machine: no evidence for GPUs, but a model that is wrong by orders of magnitude is found.
+
+    Examples:
 
       gibench validate-projection
+
+      gibench validate-projection --here results/runs/mine
     """
-    from gibench.commands.validate_projection import predict_validation
+    from gibench.commands.validate_projection import check_orders, predict_validation
     from gibench.commands.validate_projection import validate_projection as validate
-    from gibench.report.validation import show_validation
+    from gibench.report.validation import show_orders, show_validation
 
     if predict is not None:
         tell = (lambda _: None) if quiet else (lambda text: typer.echo(text, err=True))
         table = predict_validation(predict, cache_dir, tell)
         typer.echo(f"{len(table)} predictions are frozen in {predict}")
+        return
+    if here:
+        table, _ = check_orders(here, out)
+        if not quiet:
+            show_orders(table)
         return
     result = validate(predictions, out)
     if not quiet:

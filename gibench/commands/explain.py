@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
-from gibench.commands.frame_traces import trace_frame
+from gibench.commands.frame_traces import trace_frame, warmed_up
 from gibench.device import Device
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
@@ -62,7 +62,7 @@ def explain(
     receivers: asked.Numbers = None,
     workgroup_size: asked.Sizes = None,
     settings: asked.SettingsAsked = None,
-    frame: int = 4,
+    frame: int | None = None,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
     out: str | Path | None = None,
@@ -173,12 +173,18 @@ def _outcome(found: LaunchFacts | GibenchError, profile: DeviceProfile, declared
 
 
 def _job_rows(
-    job: Job, shared: Shared, cl_device: Any, frame: int, names: Sequence[str]
+    job: Job, shared: Shared, cl_device: Any, asked_frame: int | None, names: Sequence[str]
 ) -> list[Row]:
-    """A row per launch of the job's frame ``frame``, buffers as the launch finds them."""
+    """A row per launch of the job's frame ``asked_frame``, or the first at rest, buffers as the
+    launch finds them.
+    """
     with Session.open(job, shared, cl_device) as session:
         session.prepare()
-        launched = trace_frame(session, frame, lambda each: _traced(each, job.profile), names)
+        begun = warmed_up(session) if asked_frame is None else 0
+        frame = begun if asked_frame is None else asked_frame
+        launched = trace_frame(
+            session, frame, lambda each: _traced(each, job.profile), names, begun
+        )
         heads = {item.name: _head(job, session, item, frame) for item in session.prepared}
         work = {item.name: item.work for item in session.prepared} | session.counted()
     declared = {name: each.bytes_read + each.bytes_written for name, each in work.items()}

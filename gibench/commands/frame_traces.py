@@ -8,10 +8,14 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from gibench.errors import GibenchError
+from gibench.measure.plan.stopping import Patience
 from gibench.measure.session.enqueue import PreparedPass
+from gibench.measure.session.rest import warm_up
 from gibench.measure.session.session import Session
 from gibench.trace.request import TraceRequest, request_of
 
+LEAST = 32
+"""Frames that are run before one is traced where none is asked for."""
 _AT_ONCE = 2
 """Launches that are traced side by side, each with a copy of its buffers."""
 T = TypeVar("T")
@@ -34,21 +38,33 @@ class TracedLaunch(Generic[T]):
     found: T | GibenchError | None
 
 
+def warmed_up(session: Session) -> int:
+    """Run frames until the technique is at rest, as a run does before it measures, ``LEAST`` at
+    least; returns the next one's number.
+
+    Args:
+        session: prepared, no frame run.
+    """
+    return warm_up(session, LEAST, Patience()).frames
+
+
 def trace_frame(
     session: Session,
     frame: int,
     look: Callable[[TraceRequest], T],
     names: Sequence[str] = (),
+    begun: int = 0,
 ) -> list[TracedLaunch[T]]:
     """Run frames up to ``frame`` and look at each of its launches before it runs.
 
     Args:
-        session: prepared, no frame run.
+        session: prepared, ``begun`` frames run.
         frame: that is looked at.
         look: is given every launch, in another thread; what it raises is kept as its finding.
         names: of kernels to look at (``srp/tuned_probes.cl:probe_update``); none stands for all.
+        begun: frames that were run before.
     """
-    for number in range(frame):
+    for number in range(begun, frame):
         session.frame(number)
     with ThreadPoolExecutor(_AT_ONCE) as pool:
         waiting = list(_launched(session, frame, look, names, pool))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from gibench.commands import asked
-from gibench.commands.frame_traces import TracedLaunch, trace_frame
+from gibench.commands.frame_traces import TracedLaunch, trace_frame, warmed_up
 from gibench.commands.run_files import write_tables
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError
@@ -32,8 +32,6 @@ from gibench.trace.kept_streams import streams_of
 from gibench.trace.request import Sampling, TraceRequest
 from gibench.trace.streams import WaveStreams
 
-FRAME = 4
-"""The frame that is traced: what warms up has."""
 _SAMPLING = Sampling(runs=9, length=8, words=16 << 20, seconds=6.0, unroll=True)
 """Of each launch: places enough for images, whose edges differ from their middle."""
 Row = dict[str, Any]
@@ -140,8 +138,11 @@ def project_jobs(
     for entry, job in zip(record["configurations"], jobs, strict=True):
         if entry["status"] != OK:
             continue
+        # On another runtime's record: the layout that ran there, not the one preferred here.
+        job = replace(job, layout=entry.get("layout") or job.layout)
         tell(f"tracing {job_label(job, entry['scene'])}")
         head = {name: entry[name] for name in ("configuration", "technique", "variant", "scene")}
+        head["layout"] = entry.get("layout")
         head["profile"] = job.profile.name
         for profile, found, stages in project_job(job, profiles, shared, cl_device):
             rows += _rows(head | {"device": profile.name}, found, stages, profile)
@@ -160,7 +161,8 @@ def project_job(
 
     with Session.open(job, shared, cl_device) as session:
         session.prepare()
-        launches = trace_frame(session, FRAME, look)
+        frame = warmed_up(session)
+        launches = trace_frame(session, frame, look, begun=frame)
         stages = {item.name: str(item.stage) for item in session.prepared}
     return [(each, _projected(launches, each, stages), stages) for each in profiles]
 

@@ -10,7 +10,8 @@ PROJECTED = "projected.csv"
 WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"
 """Stand for the pass in rows of a whole frame, and of its global illumination."""
 COLUMNS = (
-    *("configuration", "technique", "variant", "scene", "profile", "device", "pass", "stage"),
+    *("configuration", "technique", "variant", "layout", "scene", "profile", "device", "pass"),
+    "stage",
     *("projected_low_ms", "projected_nominal_ms", "projected_high_ms"),
     *("bound_by", "driven_by", "verdict", "projection_reason"),
 )
@@ -43,6 +44,13 @@ def range_text(row: pd.Series) -> str:
     return f"cannot tell ({text})" if row["verdict"] == "cannot tell" else text
 
 
+def configuration_text(row: pd.Series) -> str:
+    """Technique, variant and the layout that ran, if it has one."""
+    layout = row.get("layout")
+    named = f"{row['technique']} {row['variant']}"
+    return named if layout is None or pd.isna(layout) or not layout else f"{named} {layout}"
+
+
 def projected_section(table: pd.DataFrame) -> str:
     """The section of a report.
 
@@ -60,7 +68,7 @@ def projected_section(table: pd.DataFrame) -> str:
     ]
     for _, row in table.iterrows():
         cells = (
-            f"{row['configuration']}: {row['technique']} {row['variant']} {row['scene']}",
+            f"{row['configuration']}: {configuration_text(row)} {row['scene']}",
             row["device"],
             row["pass"],
             range_text(row),

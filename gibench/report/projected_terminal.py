@@ -6,7 +6,7 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
-from gibench.report.projected import WARNING, range_text, ranked_cells
+from gibench.report.projected import WARNING, configuration_text, range_text, ranked_cells
 from gibench.report.terminal import console
 
 
@@ -32,7 +32,7 @@ def show_projection(table: pd.DataFrame) -> None:
         shown.add_column(name)
     for _, row in table.iterrows():
         shown.add_row(
-            escape(f"{row['configuration']}: {row['technique']} {row['variant']}"),
+            escape(f"{row['configuration']}: {configuration_text(row)}"),
             escape(str(row["device"])),
             escape(str(row["pass"])),
             range_text(row),

@@ -22,9 +22,11 @@ _WIDE = 150  # columns where the output is no terminal, so that nothing is cut
 
 
 def console() -> Console:
-    """Standard output; plain and wide where it is no terminal. rich honours NO_COLOR."""
+    """Standard output; plain and wide where it is no terminal. rich honours NO_COLOR. A kernel
+    called ``x`` in ``a.cl:x:`` is no emoji.
+    """
     width = None if sys.stdout.isatty() else max(_WIDE, shutil.get_terminal_size().columns)
-    return Console(width=width, highlight=False)
+    return Console(width=width, highlight=False, emoji=False)
 
 
 def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, Any]) -> None:

@@ -62,3 +62,44 @@ def show_validation(summary: pd.DataFrame, best: pd.DataFrame, hashes: Mapping[s
         )
     for name in ("predictions.csv", "points.npz"):
         out.print(f"frozen {name}: SHA-256 {hashes[name]}", soft_wrap=True)
+
+
+_ORDERS = {
+    "passes": ("passes", "{:,.0f}"),
+    "orders": ("orders of magnitude", "{:.1f}"),
+    "told": ("told", "{:.0%}"),
+    "inside": ("inside", "{:.0%}"),
+    "within_10": ("within 10 times", "{:.0%}"),
+    "rank": ("rank corr.", "{:.2f}"),
+    "variant_pairs": ("pairs of variants", "{:,.0f}"),
+    "variants_right": ("right", "{:.0%}"),
+    "technique_pairs": ("pairs of techniques", "{:,.0f}"),
+    "techniques_right": ("right", "{:.0%}"),
+}
+ORDERS_LEGEND = (
+    "orders of magnitude: that the measured times span; told: passes whose range has a verdict "
+    "other than 'cannot tell'; inside: measured times in their range, whatever its verdict; within "
+    "10 times: of the range's middle; pairs: measured over 1.1 times apart, and those that come "
+    "out right: variants of a pass, techniques by their GI"
+)
+
+
+def show_orders(summary: pd.DataFrame) -> None:
+    """Print how well projections keep the order of what was measured here."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from gibench.report.terminal import console
+
+    out = console()
+    table = Table(title="Projected onto the device that ran it: orders, no evidence for others",
+                  title_justify="left")  # fmt: skip
+    for name in ("runtime", "device"):
+        table.add_column(name)
+    for title, _ in _ORDERS.values():
+        table.add_column(title, justify="right")
+    for _, row in summary.iterrows():
+        cells = ["" if pd.isna(row[n]) else form.format(row[n]) for n, (_, form) in _ORDERS.items()]
+        table.add_row(escape(str(row["runtime"])), escape(str(row["device"])), *cells)
+    out.print(table)
+    out.print(ORDERS_LEGEND, soft_wrap=True)

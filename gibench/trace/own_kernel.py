@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +62,9 @@ def own_request(
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read as text ({error})", where=file) from error
     try:
-        program = Program(ProgramSpec(file.name), source, build_program(device.context, source, {}))
+        with _silent():
+            built = build_program(device.context, source, {})
+        program = Program(ProgramSpec(file.name), source, built)
     except cl.Error as error:
         lines = [line.strip() for line in str(error).split("\n")]
         told = next((line for line in lines if line.startswith("error:")), lines[0])
@@ -77,6 +82,20 @@ def own_request(
     found = [a.data for a in args if isinstance(a.data, np.ndarray)]
     count = items or max((len(data) for data in found), default=group)
     return TraceRequest(source, {}, kernel, args, group, (-(-count // group), 1), label)
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Nothing reaches the standard error stream: compilers count their errors there."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    with Path(os.devnull).open("wb") as nothing:
+        os.dup2(nothing.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -130,13 +130,13 @@ def test_wrong_input_is_one_line(
     message: str,
     file: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     bad = tmp_path / "bad.cl"
     bad.write_text("__kernel void x(__global int *a) { *a = y; }", encoding="utf-8")
     given = [each.format(file=file, bad=bad) for each in arguments]
     code, _ = explained(tmp_path, *given)
-    error = capsys.readouterr().err.strip()
+    error = capfd.readouterr().err.strip()
     assert code == 2
     assert re.search(message, error)
     assert "\n" not in error
