@@ -7,15 +7,18 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
-from cases import Case
+import cases
+from cases import BAKES, MOVING, OTHER_SETTINGS, WITH_A_LAYOUT, Case
 
+from gibench.device import SIMT
+from gibench.techniques.registry import TUNED, techniques
 from gibench.trace.analysis import analyse
 from gibench.trace.instrument import ATOMIC
 from gibench.trace.request import Sampling, TraceRequest, read_request
@@ -25,26 +28,37 @@ ROOT = Path(__file__).parents[1]
 WHOLE = Sampling(whole=True, timeout=300.0)
 
 PUBLISHED = Case("frames", 16, 4, "ddgi", "published")
+CACHE = Case("frames", 16, 8, "surfel-cache", "tuned")
 # One a folder of kernels_cl that holds kernels of its own.
 ONE_A_FOLDER = {
     "srp": ("srp/tuned_projection.cl:cluster_projection", Case("frames", 16, 8, "srp", "tuned")),
     "parts": ("parts/lightmap_update.cl:lightmap_update", Case("frames", 16, 8, "srp", "tuned")),
     "ddgi": ("ddgi/published_blend.cl:blend_irradiance", PUBLISHED),
     "gibs": ("gibs/life.cl:coverage", Case("frames", 16, 8, "gibs", "tuned")),
+    "surfel_cache": ("surfel_cache/pull.cl:pull_subtrees", CACHE),
     "rays": ("rays/trace.cl:trace_closest", Case("rays", 16, 8)),
     "measure": ("measure/roofs.cl:roof_triad", Case("roofs", 16, 8)),
     "reference": ("reference/path.cl:*", Case("reference", 16, 8)),
 }  # fmt: skip
+OTHERS = "others"
 EVERY = [
-    Case(*each)
+    (name, size, width)
     for size, width in ((16, 8), (64, 4))
-    for each in (
-        *(("frames", size, width, name, variant)
-          for name in ("srp", "gibs", "ddgi", "direct") for variant in ("published", "tuned")),
-        ("moving", size, width, "direct", "tuned"),
-        *((what, size, width) for what in ("roofs", "rays", "reference")),
-    )
-]  # fmt: skip
+    for name in (*(spec.name for spec in techniques().values()), OTHERS)
+]
+
+
+def cases_of(name: str, size: int, width: int) -> list[Case]:
+    """Everything of a technique, or what belongs to none, at one work-group size."""
+    if name == OTHERS:
+        found = [replace(each, size=size, width=width) for each in (*MOVING, *cases.OTHERS)]
+        return [each for n, each in enumerate(found) if each not in found[:n]] + BAKES
+    choices = [{}, *OTHER_SETTINGS.get(name, [])]
+    variants = techniques()[name].variants
+    found = [Case("frames", size, width, name, v, c) for v in variants for c in choices]
+    if name in WITH_A_LAYOUT:
+        found += [Case("frames", size, 1, name, TUNED, c, SIMT) for c in choices]
+    return found
 
 
 def captured(
@@ -126,9 +140,11 @@ def test_one_kernel_of_each_folder_leaves_what_the_device_leaves(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", EVERY, ids=str)
-def test_every_kernel_leaves_what_the_device_leaves(case: Case, tmp_path: Path) -> None:
-    folders = captured(tmp_path / "launches", tmp_path, ["all"], [case])
+@pytest.mark.parametrize(("name", "size", "width"), EVERY)
+def test_every_kernel_leaves_what_the_device_leaves(
+    name: str, size: int, width: int, tmp_path: Path
+) -> None:
+    folders = captured(tmp_path / "launches", tmp_path, ["all"], cases_of(name, size, width))
     assert folders
     assert [line for folder in folders for line in differences(folder)] == []
 
