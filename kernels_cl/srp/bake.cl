@@ -11,11 +11,11 @@
 //   inverse     [R][S]      1 / sum_k w_k V_k, or 0 where no probe sees the hit (invalid sample)
 //   transport   [pair][COMPONENTS][SH_COUNT]
 //   linear      [R][3][S]   what components 1 to 3 weigh a sample with
-//   states      [rows][PROBES] uchar, the same three values: one row per receiver, then one per
-//               direction cell, then a row of HIDDEN and one of UNDECIDED
+//   states      [rows][states_width] uchar, the same three values, a column per probe: one row per
+//               receiver, then one per direction cell, then a row of HIDDEN and one of UNDECIDED
 // Every kernel runs with work-groups of one work-item that does a block of samples: PoCL keeps the
 // private arrays of a whole work-group on one thread's stack.
-// Macros: VEC, SH_ORDER, PROBES, GRID (cells along one side of a probe's octahedral map, or 0:
+// Macros: VEC, SH_ORDER, GRID (cells along one side of a probe's octahedral map, or 0:
 // no tables, every pair is UNDECIDED); COMPONENTS of the light at a receiver (1; 4 for order 1, see
 // gibench/techniques/srp/bake/data.py).
 #include "common/vec.cl"
@@ -112,7 +112,7 @@ __kernel void transport_decide(
     __global const float *hit_u, __global const float *hit_v, __global const float4 *planes,
     __global const float *triangle_uvs, const int width, const int height,
     __global const int *receiver_of_texel, const int receivers, __global const uchar *states,
-    __global const int *pair_start, __global const int *pair_probe,
+    const int states_width, __global const int *pair_start, __global const int *pair_probe,
     __global const float4 *probes, __global float *hits, __global uchar *visible)
 {
     const int r = get_global_id(1);
@@ -165,7 +165,7 @@ __kernel void transport_decide(
         normal_y[i] = plane.y;
         normal_z[i] = plane.z;
         distance[i] = plane.w;
-        row[i] = at * PROBES;
+        row[i] = at * states_width;
     }
 
     for (int pair = pair_start[r]; pair < pair_start[r + 1]; ++pair) {

@@ -15,6 +15,7 @@ import pytest
 from scipy import stats
 from support.cut_scenes import CAMERA, leaves
 from support.glow_scenes import sign
+from support.pairwise import pairwise
 from support.reference_scenes import DARK, box, plain_texture, quad, scene_of, sphere
 
 from gibench.errors import BadInput
@@ -78,9 +79,10 @@ def agree(folder, scene, camera, bounces, frame=0):
     assert (precision < 0.02).all(), precision
 
 
-@pytest.mark.parametrize("environment", [None, SKY], ids=["", "sky"])
-@pytest.mark.parametrize("bounces", [1, None], ids=["one", "many"])
-@pytest.mark.parametrize("name", ["cornell-box", "blue-orange-box"])
+@pytest.mark.parametrize(
+    ("environment", "bounces", "name"),
+    pairwise([None, SKY], [1, None], ["cornell-box", "blue-orange-box"]),
+)
 def test_built_in_scenes(tmp_path, name, bounces, environment):
     scene = build(name)
     if environment:

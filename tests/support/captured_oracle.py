@@ -47,7 +47,6 @@ __all__ = [
     "randomise",
     "received",
     "relit",
-    "run_pass",
     "seen",
     "table",
     "weights",
@@ -69,10 +68,3 @@ def create(name, scene, settings, cache, variant="tuned", size=64, lightmap=None
         *(spec, open_device(), scene, lightmap, chosen, baked, variant, size, *image),
         scene.cameras[0],
     )
-
-
-def run_pass(technique, name, size):
-    """One pass alone, ``size`` work-items per group."""
-    from support import ddgi_oracle
-
-    ddgi_oracle.run_pass(technique, name, size)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gibench.measure.session.enqueue import prepare_pass
 from gibench.techniques.ddgi import SPEC, Ddgi
 from gibench.techniques.ddgi.conform_oracle import (
     ACTIVE,
@@ -65,7 +64,6 @@ __all__ = [
     "lookup",
     "randomise",
     "relocated",
-    "run_pass",
     "shade",
     "state_of",
     "surface",
@@ -98,12 +96,3 @@ def create(
         flight=flight, motion=motion,
     )  # fmt: skip
     return technique
-
-
-def run_pass(technique, name, size):
-    """One pass alone, ``size`` work-items per group."""
-    (declared,) = [p for p in technique.passes() if p.name == name]
-    prepared = prepare_pass(technique.device, declared, size)
-    assert prepared.problem is None
-    for launch in prepared.launches:
-        launch.enqueue(technique.device.queue)

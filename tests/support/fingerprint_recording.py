@@ -34,6 +34,8 @@ SMALL = ("--receivers", "2000", "--probes", "8", "--resolution", "160x90", "--se
 FRAMES = ("--frames", "8", "--warmup", "24")
 # Surfels cover the picture in few frames, so that their sums and lists are long enough to tell.
 DENSE = ("--set", "gibs.placement_chance=0.8")
+# Settings that older checkouts have under another name: where it is, what it was.
+RENAMED = {"srp.probe_update=half": "srp.probe_update_fraction=0.5"}
 VARIANTS = ("--variant", "published", "--variant", "tuned")
 ENVIRONMENT = ("LD_PRELOAD", "POCL_AFFINITY", "POCL_WORK_GROUP_METHOD", "OCL_ICD_VENDORS")
 # In a bake's cache, what tells of the making and not of the made.
@@ -191,6 +193,16 @@ def record(root: Path, python: Path, out: Path, quick: bool, only: str | None) -
     return 1 if found.failures else 0
 
 
+def known(root: Path, argument: str) -> str:
+    """``argument``, or what a checkout of before its setting was renamed takes instead."""
+    if argument not in RENAMED:
+        return argument
+    technique, name = argument.split("=")[0].split(".")
+    written = (root / "gibench" / "techniques" / technique).rglob("*.py")
+    there = any(re.search(rf"^    {name}: ", path.read_text(), re.MULTILINE) for path in written)
+    return argument if there else RENAMED[argument]
+
+
 def gibench(
     root: Path, python: Path, work: Path, job: Job, folder: Path, cache: Path
 ) -> str | None:
@@ -208,7 +220,8 @@ def gibench(
         "COLUMNS": "200",
         "NO_COLOR": "1",
     }
-    command = [str(python), "-m", "gibench", job.kind, *job.arguments, "--cache-dir", str(cache)]
+    arguments = [known(root, argument) for argument in job.arguments]
+    command = [str(python), "-m", "gibench", job.kind, *arguments, "--cache-dir", str(cache)]
     if job.kind != "bake":
         command += ["--out", str(folder)]
     if job.kind == "run":

@@ -16,7 +16,10 @@ from gibench.techniques.registry import TUNED
 from support.made import made
 
 # Of tests that ask for no other: kernels are compiled anew for every number of surfels and cells.
+# Scenes here are 4 : 2 : 3, so that their grids are the same.
 ROOMY = {"surfels": 4000, "grid_cells": 6}
+FEW = {**ROOMY, "surfels": 180}
+LOW, HIGH = (-2.0, 0.0, -1.5), (2.0, 2.0, 1.5)
 
 
 def box_parts(low, high, inwards):
@@ -56,10 +59,13 @@ def scene_of(parts, materials, **others):
 def furnace(albedo=0.5, emission=1.0):
     """A closed room of one diffuse, glowing material; irradiance is pi emission / (1 - albedo)."""
     material = Material("wall", (albedo,) * 3, (emission,) * 3)
+    middle, half = (np.array(LOW) + HIGH) / 2, (np.array(HIGH) - LOW) / 2
+    corners = ((1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1))  # together they see all of it
     cameras = tuple(
-        Camera((s * 0.95, s * 0.95, s * 0.95), (0.0, 0.0, 0.0), fov_degrees=110) for s in (1, -1)
+        Camera(tuple(middle + 0.95 * half * corner), tuple(middle), fov_degrees=110)
+        for corner in corners
     )
-    parts = [(box_parts((-1, -1, -1), (1, 1, 1), inwards=True), 0)]
+    parts = [(box_parts(LOW, HIGH, inwards=True), 0)]
     return scene_of(parts, (material,), cameras=cameras)
 
 
@@ -67,7 +73,7 @@ def furnished():
     """A lit room with two boxes in it."""
     materials = (Material("wall", (0.7, 0.6, 0.5)), Material("box", (0.3, 0.5, 0.7)))
     parts = [
-        (box_parts((-2, 0, -1.5), (2, 2, 1.5), inwards=True), 0),
+        (box_parts(LOW, HIGH, inwards=True), 0),
         (box_parts((-1.2, 0.001, -0.8), (-0.6, 1.1, -0.2), inwards=False), 1),
         (box_parts((0.3, 0.001, 0.1), (1.0, 0.5, 0.8), inwards=False), 1),
     ]

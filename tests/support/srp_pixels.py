@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibench.measure.session.enqueue import prepare_passes
 from gibench.techniques.parts.conformance.shading import Surface, bilinear, surface
 from gibench.techniques.parts.macros import SHOW_INDIRECT, TILE_SIDE
+from support.launches import run_pass
 
 
 @dataclass
@@ -38,10 +38,7 @@ def drawn(technique, size, values, frame=3) -> Pixels:
     """Draw a frame with the signal ``values`` (h, w, 4, 4) at the receivers."""
     technique.device.write(technique.indirect.map, values.reshape(-1, 4))
     technique.scene.begin_frame(frame)
-    passes = {one.name: one for one in prepare_passes(technique, size)}
-    assert passes["camera"].status == passes["application"].status == "ok"
-    for launch in passes["camera"].launches:
-        launch.enqueue(technique.device.queue)
+    run_pass(technique, "camera", size)
     shown = technique._application
     kept = technique.device.read(shown.hits.buffer)
     direct = technique.device.read(technique.scene.image)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gibench.measure.session.enqueue import prepare_pass
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.surfel_cache import SPEC, SurfelCache
 from gibench.techniques.surfel_cache.conform_oracle import (
@@ -25,7 +24,7 @@ from support.made import made
 from support.shading_oracle import open_device
 
 __all__ = ["SHAPES", "SMALL", "VARIANTS", "baked", "create", "dilated", "gathered", "halves",
-           "link_terms", "lit_caches", "lobe", "random_caches", "random_flux", "read", "run_pass",
+           "link_terms", "lit_caches", "lobe", "random_caches", "random_flux", "read",
            "spread", "write"]  # fmt: skip
 
 VARIANTS = ("published", "tuned")
@@ -49,12 +48,3 @@ def create(scene, lightmap, settings, bake, variant="tuned", size=64, image=(24,
         *image, scene.cameras[0], motion=motion,
     )  # fmt: skip
     return technique
-
-
-def run_pass(technique, name, size):
-    """One pass alone, ``size`` work-items per group."""
-    (declared,) = [p for p in technique.passes() if p.name == name]
-    prepared = prepare_pass(technique.device, declared, size)
-    assert prepared.problem is None
-    for launch in prepared.launches:
-        launch.enqueue(technique.device.queue)

@@ -23,9 +23,10 @@ from gibench.techniques.registry import BakeContext, find_technique, techniques
 from gibench.techniques.technique import KnowsItsCover
 
 SMALL = {
-    "counts": "2x2x2", "rays": 96, "fixed_rays": 16, "hysteresis": 0.8, "surfels": 300, "links": 30,
-    "caches": 80, "relaxation": 1, "capture_texels": 12, "map_texels": 6, "relit_share": 1.0,
-    "probes": 4, "relight_samples": 64, "transport_rays": 32, "cluster_size": 32, "sh_order": 2,
+    "counts": "2x2x2", "rays": 96, "fixed_rays": 16, "hysteresis": 0.8, "surfels": 1500,
+    "links": 30, "caches": 80, "relaxation": 1, "capture_texels": 12, "map_texels": 6,
+    "relit_share": 1.0, "probes": 4, "relight_samples": 64, "transport_rays": 32,
+    "cluster_size": 32, "sh_order": 2,
     "placement_chance": 1.0, "radius_share": 0.4, "grid_cells": 6, "rays_per_surfel": 8.0,
 }  # fmt: skip
 FRAMES = {"ddgi": 40, "gibs": 120}

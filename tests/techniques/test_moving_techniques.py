@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.ddgi_oracle import create as ddgi
-from support.gibs_scenes import Frames, gibs
+from support.gibs_scenes import FEW, Frames, gibs
 from support.made import check_memory
 from support.made import made as create
 from support.moving_scenes import (
@@ -215,7 +215,7 @@ def test_surfels_rest_as_they_did_where_nothing_moves():
     still = MovingObjects.of(scene, [jump(LEFT, (1, 1, 1), 10_000)])
     states = []
     for motion in (None, still):
-        technique = gibs(scene, motion=motion, surfels=600, placement_chance=0.5)
+        technique = gibs(scene, motion=motion, placement_chance=0.5, **FEW)
         Frames(technique).run(12)
         s = technique.surfels
         buffers = (s.estimator, s.geometry.local_position, s.geometry.world_position)
@@ -250,7 +250,7 @@ RESPONSES = {
     "gibs": (
         lambda scene, motion=None: gibs(
             scene, motion=motion, surfels=1500, width=24, height=16, placement_chance=1.0,
-            radius_share=0.15, grid_cells=8, rays_per_surfel=8.0,
+            radius_share=0.15, grid_cells=6, rays_per_surfel=8.0,
         ),
         160,
         320,

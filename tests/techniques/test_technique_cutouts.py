@@ -17,7 +17,7 @@ RECEIVERS = 1500
 SMALL = {
     "srp": {"sh_order": 3, "transport_rays": 256, "relight_samples": 4000},
     "ddgi": {"probes": 27, "rays": 64},
-    "gibs": {"surfels": 2000, "ray_budget": 4000},
+    "gibs": {"surfels": 1500, "ray_budget": 4000, "grid_cells": 6},
     "direct": {},
 }
 

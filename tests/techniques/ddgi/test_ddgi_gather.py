@@ -9,10 +9,10 @@ from support.ddgi_oracle import (
     create,
     gather,
     randomise,
-    run_pass,
     state_of,
     surface,
 )
+from support.launches import run_pass
 from support.pairwise import pairwise
 from support.shading_oracle import render
 from support.synthetic_bake import random_lightmap, random_scene

@@ -18,11 +18,11 @@ from support.ddgi_oracle import (
     encode,
     lookup,
     randomise,
-    run_pass,
     shade,
     state_of,
     texel_directions,
 )
+from support.launches import run_pass
 from support.pairwise import few, pairwise
 from support.synthetic_bake import random_scene, random_unit
 

@@ -11,10 +11,10 @@ from support.ddgi_oracle import (
     create,
     randomise,
     relocated,
-    run_pass,
     state_of,
     texel_directions,
 )
+from support.launches import run_pass
 from support.pairwise import few
 from support.synthetic_bake import random_scene
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.gibs_scenes import ROOMY, Frames, furnished, gibs
+from support.gibs_scenes import FEW, HIGH, LOW, ROOMY, Frames, furnished, gibs
 
 from gibench.techniques.gibs.settings import PERSPECTIVE
 from gibench.techniques.registry import PUBLISHED, TUNED
@@ -28,7 +28,7 @@ def ids_of(technique):
 
 @pytest.mark.parametrize("variant", [TUNED, pytest.param(PUBLISHED, marks=pytest.mark.slow)])
 def test_no_id_is_lost_or_given_twice_in_a_thousand_frames_of_flight(variant):
-    capacity = 180
+    capacity = FEW["surfels"]
     technique = gibs(
         furnished(),
         variant,
@@ -36,7 +36,7 @@ def test_no_id_is_lost_or_given_twice_in_a_thousand_frames_of_flight(variant):
         height=32,
         recycle_chance=0.4,
         recycle_unseen_frames=40,
-        **{**FLIGHT, "flight_frames": 1000, "surfels": capacity},
+        **{**FLIGHT, "flight_frames": 1000, **FEW},
     )
     frames = Frames(technique)
     recycled = placed = fullest = 0
@@ -115,7 +115,7 @@ def test_surfels_lie_on_the_surface_the_pixel_shows():
     objects = technique.device.read(g.object_ids)[ids] - 1
     normal = technique.device.read(g.local_normal)[:, ids].T
     room = objects == 0
-    low, high = np.array([-2, 0, -1.5]), np.array([2, 2, 1.5])
+    low, high = np.array(LOW), np.array(HIGH)
     off = np.minimum(np.abs(p - low), np.abs(p - high)).min(axis=1)
     assert np.all(off[room] < 1e-5)
     centre = (low + high) / 2
@@ -144,7 +144,7 @@ def test_surfels_of_a_full_house_are_recycled_and_a_half_empty_one_is_left_alone
     for _ in range(30):
         frames.run()
         assert roomy.life()["recycled"] == 0
-    tight = gibs(furnished(), recycle_chance=0.5, **{**settings, "surfels": 180})
+    tight = gibs(furnished(), recycle_chance=0.5, **{**settings, **FEW})
     frames = Frames(tight)
     recycled = 0
     for _ in range(80):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.gibs_scenes import ROOMY, Frames, furnished, gibs
+from support.gibs_scenes import FEW, ROOMY, Frames, furnished, gibs
 
 from gibench.techniques.registry import PUBLISHED, TUNED
 from gibench.techniques.technique import LOOK_EVERY, KnowsItsRest
@@ -68,7 +68,7 @@ def test_it_rests_where_rays_place_surfels_too():
 
 
 def test_it_rests_where_every_surfel_is_in_use():
-    technique = gibs(furnished(), **{**QUICK, "surfels": 60}, recycle_chance=0.0)
+    technique = gibs(furnished(), **{**QUICK, **FEW}, recycle_chance=0.0)
     frames = Frames(technique)
     assert frames_to_rest(technique, frames) is not None
     assert technique.life()["free"] == 0
@@ -95,7 +95,7 @@ def test_another_view_wakes_it():
 def test_looking_into_the_void_it_rests_with_nothing():
     scene = furnished()
     away = replace(scene.cameras[0], position=(9.0, 9.0, 9.0), target=(20.0, 20.0, 20.0))
-    technique = gibs(replace(scene, cameras=(away,)))
+    technique = gibs(replace(scene, cameras=(away,)), **ROOMY)
     frames = Frames(technique)
     assert frames_to_rest(technique, frames) == 64 - LOOK_EVERY
     assert technique.life()["alive"] == 0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.launches import run_pass
 from support.pairwise import pairwise
 from support.srp_setups import SHAPES, create
 from support.synthetic_bake import random_bake, random_lightmap, random_scene
@@ -16,14 +17,6 @@ from gibench.techniques.srp.conform_oracle import (
 )
 from gibench.techniques.srp.pack import padded, projection_width
 from gibench.techniques.srp.storage import store_cluster, stored_values
-
-
-def launch(technique, name, size):
-    """Run one pass; the buffers before it may have been written by the test."""
-    (chosen,) = [one for one in prepare_passes(technique, size) if one.name == name]
-    assert chosen.status == "ok", chosen.problem
-    for one in chosen.launches:
-        one.enqueue(technique.device.queue)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +45,7 @@ def test_probe_update(setting, shape, case):
     values = technique.device.read(technique.variant.radiance)
     values[: len(radiance), :3] = radiance
     technique.device.write(technique.variant.radiance, values)
-    launch(technique, "probe_update", size)
+    run_pass(technique, "probe_update", size)
     expected = expected_probe_radiance(scene, bake, radiance.astype(np.float64))
     found = technique.variant.probe_radiance()
     np.testing.assert_allclose(found, expected, rtol=0, atol=3e-6 * np.abs(expected).max())
@@ -75,8 +68,8 @@ def test_projection_and_transport(setting, shape, order_and_size, storage):
     technique = create(bake, scene, lightmap, shape, size, {"storage": storage})
     radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
     write_lambda(technique, radiance)
-    launch(technique, "cluster_projection", size)
-    launch(technique, "irradiance_transport", size)
+    run_pass(technique, "cluster_projection", size)
+    run_pass(technique, "irradiance_transport", size)
     expected = expected_irradiance(bake, radiance.astype(np.float64), 613, storage)
     found = technique.indirect_irradiance()
     np.testing.assert_allclose(found, expected, rtol=0, atol=3e-6 * np.abs(expected).max())
@@ -101,8 +94,8 @@ def test_projection_and_transport_of_order_1(rng, shape, order_and_size, storage
     technique = create(bake, scene, lightmap, shape, size, {"storage": storage})
     radiance = rng.normal(size=(11, bake.coefficients, 3)).astype(np.float32)
     write_lambda(technique, radiance)
-    launch(technique, "cluster_projection", size)
-    launch(technique, "irradiance_transport", size)
+    run_pass(technique, "cluster_projection", size)
+    run_pass(technique, "irradiance_transport", size)
     expected = expected_signal(bake, radiance.astype(np.float64), 613, storage)
     found = technique.indirect.at_receivers()
     np.testing.assert_allclose(found, expected, rtol=0, atol=3e-6 * np.abs(expected).max())

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.launches import run_pass
 from support.made import check_memory
 from support.moving_scenes import (
     LEFT,
@@ -60,13 +61,6 @@ def moving_room(rng, order=3, samples=90, variant="tuned", size=64, settings=Non
         bake,
         create(bake, scene, lightmap, variant, size, settings, motion=motion),
     )
-
-
-def run_pass(technique, name, size):
-    (chosen,) = [one for one in prepare_passes(technique, size) if one.name == name]
-    assert chosen.status == "ok", chosen.problem
-    for one in chosen.launches:
-        one.enqueue(technique.device.queue)
 
 
 @pytest.mark.parametrize(("size", "variant"), SIZES)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.launches import run_pass
 from support.pairwise import few, pairwise
 from support.shading_oracle import direct_irradiance, light_gain, pixel_directions
 from support.surfel_oracle import (
@@ -21,7 +22,6 @@ from support.surfel_oracle import (
     random_caches,
     random_flux,
     read,
-    run_pass,
     spread,
     write,
 )

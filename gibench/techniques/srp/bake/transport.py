@@ -102,7 +102,6 @@ class TransportBaker:
             "VEC": self.vector,
             "SH_ORDER": settings.order,
             "COMPONENTS": self.components,
-            "PROBES": len(probes),
             "GRID": tables.grid if tables else 0,
         }
         self.program = ProgramSpec("srp/bake.cl", defines)
@@ -313,6 +312,7 @@ class TransportWorker:
             *self._shared("receiver_of_texel"),
             integer("receivers", baker.table_receivers),
             *self._shared("states"),
+            integer("states_width", len(baker.probes)),
             reads("pair_start", start),
             reads("pair_probe", probe),
             *self._shared("probes"),

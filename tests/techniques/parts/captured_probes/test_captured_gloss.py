@@ -13,13 +13,13 @@ from support.captured_oracle import (
     lobes_of,
     prefiltered,
     randomise,
-    run_pass,
     seen,
     table,
     weights,
     within_reach,
 )
 from support.ddgi_oracle import bordered
+from support.launches import run_pass
 from support.synthetic_bake import random_scene
 from support.tiny_scenes import empty_room
 from support.vector_widths import widths

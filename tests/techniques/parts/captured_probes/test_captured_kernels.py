@@ -14,10 +14,10 @@ from support.captured_oracle import (
     inner,
     randomise,
     relit,
-    run_pass,
     within_reach,
 )
 from support.ddgi_oracle import bordered, texel_directions
+from support.launches import run_pass
 from support.pairwise import pairwise
 from support.synthetic_bake import random_scene
 from support.tiny_scenes import empty_room
