@@ -56,16 +56,14 @@ def scene_of(parts, materials, **others):
     )
 
 
-def furnace(albedo=0.5, emission=1.0):
+def furnace(albedo=0.5, emission=1.0, low=LOW, high=HIGH):
     """A closed room of one diffuse, glowing material; irradiance is pi emission / (1 - albedo)."""
     material = Material("wall", (albedo,) * 3, (emission,) * 3)
-    middle, half = (np.array(LOW) + HIGH) / 2, (np.array(HIGH) - LOW) / 2
-    corners = ((1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1))  # together they see all of it
+    middle, half = (np.array(low) + high) / 2, (np.array(high) - low) / 2
     cameras = tuple(
-        Camera(tuple(middle + 0.95 * half * corner), tuple(middle), fov_degrees=110)
-        for corner in corners
+        Camera(tuple(middle + s * 0.95 * half), tuple(middle), fov_degrees=110) for s in (1, -1)
     )
-    parts = [(box_parts(LOW, HIGH, inwards=True), 0)]
+    parts = [(box_parts(low, high, inwards=True), 0)]
     return scene_of(parts, (material,), cameras=cameras)
 
 
