@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from gibench.study.experiments.order_density import at_equal_bytes
+from gibench.study.experiments.order_density import at_equal_bytes, levels
 
 
 def test_between_an_order_s_points_along_a_power_law(rng):
@@ -27,3 +27,12 @@ def test_between_an_order_s_points_along_a_power_law(rng):
         assert found.loc[order, "probes"] == pytest.approx(probes, rel=1e-9)
         assert found.loc[order, "rel_l2"] == pytest.approx(0.9 / scale * probes**-0.4, rel=1e-9)
         assert found.loc[order, "bias"] == pytest.approx(np.log(probes), rel=1e-9)
+
+
+def test_levels_are_powers_of_two_among_the_sizes():
+    np.testing.assert_allclose(
+        levels(pd.Series([25.0, 300.0, 1111.0])), [32, 64, 128, 256, 512, 1024]
+    )
+    np.testing.assert_allclose(levels(pd.Series([64.0, 128.0])), [64, 128])
+    (only,) = levels(pd.Series([40.0, 50.0]))
+    assert only == pytest.approx(np.sqrt(40 * 50))

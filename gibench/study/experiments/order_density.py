@@ -90,6 +90,13 @@ def at_equal_bytes(table: pd.DataFrame, level: float) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def levels(sizes: pd.Series[float]) -> Doubles:
+    """The powers of two among bytes a receiver; where there is none, the middle of them."""
+    low, high = np.log2(sizes.min()), np.log2(sizes.max())
+    found = np.arange(np.ceil(low), np.floor(high) + 1)
+    return np.asarray(2.0 ** (found if len(found) else np.array([(low + high) / 2])))
+
+
 def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
     ok = table[(table["status"] == "ok") & (table["region"] == WHOLE)]
     series = [
@@ -105,15 +112,13 @@ def _present(context: Context, kept: Kept, table: pd.DataFrame) -> str:
         log_y=True,
     )
     plot(kept.path / "order-density", [axes], "Each line: one order, more and more probes.")
-    levels = ok[ok["sh_order"] == ok["sh_order"].max()]["bytes_per_receiver"]
-    equal = pd.concat([at_equal_bytes(ok, level) for level in sorted(levels)])
+    equal = pd.concat([at_equal_bytes(ok, level) for level in levels(ok["bytes_per_receiver"])])
     formats = {**FORMATS, "bytes_per_receiver": ".0f", "probes": ".0f"}
     measured = ["probes", "sh_order", "bytes_per_receiver", "memory_bytes", "bias", "rel_l2"]
     return "\n\n".join(
         (
-            "At equal bytes: as many bytes of stored matrices a receiver as the highest order has "
-            "with each number of probes; between an order's points along straight lines in "
-            "logarithms, and no order beyond its own points.",
+            "At equal bytes of stored matrices a receiver, each time twice as many; between an "
+            "order's points along straight lines in logarithms, no order beyond its own points.",
             markdown(equal, formats),
             "![errors](order-density.png)",
             "## Measured",
