@@ -100,8 +100,15 @@ def gltf_scene():
     return load_scene(str(files[0]))
 
 
-@pytest.mark.parametrize("environment", [None, SKY], ids=["", "sky"])
-@pytest.mark.parametrize("bounces", [1, None], ids=["one", "many"])
+@pytest.mark.parametrize(
+    ("environment", "bounces"),
+    [
+        pytest.param(None, None, id="many"),
+        pytest.param(SKY, 1, id="one-sky"),
+        pytest.param(None, 1, id="one", marks=pytest.mark.slow),
+        pytest.param(SKY, None, id="many-sky", marks=pytest.mark.slow),
+    ],
+)
 def test_a_gltf_scene(tmp_path, bounces, environment):
     """A textured cube on a floor, with lights and surroundings of our own."""
     cube = gltf_scene()

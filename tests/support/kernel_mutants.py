@@ -166,7 +166,8 @@ def failures(mutant: str, tests: list[str]) -> list[str]:
         return [f"ended by signal {-code}"]
     if code not in (0, 1):
         raise SystemExit(f"{mutant}: pytest failed ({code}):\n" + "\n".join(lines[-20:]))
-    found = [line.split(" ")[1] for line in lines if line.startswith(("FAILED ", "ERROR "))]
+    told = [line.split(" ", 1)[1] for line in lines if line.startswith(("FAILED ", "ERROR "))]
+    found = [line.split(" - ")[0] for line in told]  # names of tests may hold spaces
     return found[:1]
 
 

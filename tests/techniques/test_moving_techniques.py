@@ -62,8 +62,8 @@ def direct(scene, motion=None, variant=TUNED, size=64, image=(48, 32)):
 
 # Small enough to be set up twice, where a technique has them.
 SMALL = {
-    "counts": "2x2x2", "surfels": 50, "links": 8, "caches": 60, "relaxation": 1,
-    "capture_texels": 6, "map_texels": 6,
+    **FEW, "counts": "2x2x2", "links": 8, "caches": 60, "relaxation": 1, "capture_texels": 6,
+    "map_texels": 6,
 }  # fmt: skip
 
 FOLLOWING = [n for n, spec in techniques().items() if Follows.DIRECT_LIGHT in spec.follows]
