@@ -265,7 +265,9 @@ def told(table: pd.DataFrame) -> list[str]:
         name = (
             each["pass"] if each["pass"] == each["kernel"] else f"{each['pass']} {each['kernel']}"
         )
-        lines.append(f"{each['technique']} {each['variant']} {name}: {text}".strip())
+        layout = each.get("layout")
+        shown = (each["technique"], each["variant"], "" if pd.isna(layout) else layout, name)
+        lines.append(f"{' '.join(str(part) for part in shown if part)}: {text}")
     return lines
 
 
