@@ -47,6 +47,8 @@ class Charts:
     placed: bool
 
 
+_TINY = 0.125
+"""Largest coordinate below which a scene is magnified for xatlas, m."""
 _THREADS_SLEEP_S = 0.02
 """Far longer than a thread takes from its last task to its sleep."""
 
@@ -108,19 +110,30 @@ def _overlap(uvs: Doubles, samples: int = 1024) -> float:
     return float(np.count_nonzero(hits > 1)) / covered if covered else 0.0
 
 
+def _magnification(scene: Scene) -> float:
+    """What a tiny scene's lengths are multiplied with for xatlas, whose least lengths are a part of
+    a scene of millimetres: a power of two, 1 from ``_TINY`` on.
+    """
+    largest = float(np.abs(scene.positions).max(initial=0.0))
+    if largest >= _TINY or largest == 0:
+        return 1.0
+    return float(2.0 ** -np.floor(np.log2(largest)))
+
+
 def _unfold(scene: Scene, texel_area: float) -> Charts:
     """Charts by xatlas, each then stretched to be isometric on average."""
     corners = scene.corners.astype(np.float64)
     area = triangle_areas(corners)
     atlas = xatlas.Atlas()
+    magnified = _magnification(scene)
     atlas.add_mesh(
-        np.ascontiguousarray(scene.positions, np.float32),
+        np.ascontiguousarray(scene.positions * np.float32(magnified), np.float32),
         np.ascontiguousarray(scene.triangles, np.uint32),
         np.ascontiguousarray(scene.normals, np.float32),
     )
     # Packing is done here (pack), so xatlas gets no more than it needs for precise coordinates.
     options = xatlas.PackOptions()
-    options.texels_per_unit = float(np.sqrt(4.0 / texel_area))
+    options.texels_per_unit = float(np.sqrt(4.0 / texel_area)) / magnified
     options.resolution = 0
     options.bruteForce = False
     atlas.generate(xatlas.ChartOptions(), options)

@@ -10,10 +10,9 @@ from gibench.techniques.ddgi.placement import SPACINGS, make_volume, wanted_prob
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.job import Job
 from gibench.techniques.parts.free_space import free_space
-from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.parts.rare_light import rare_light
 from gibench.techniques.parts.thin_walls import leaking_walls
-from gibench.techniques.parts.unseen_sky import unseen_sky, wider
+from gibench.techniques.parts.unseen_sky import told_of_sky
 
 # Probes further apart than surfaces lie on both sides of a wall, and few between walls.
 _FURTHEST: Final = 0.9
@@ -40,31 +39,12 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
             f"--probes {wanted} sets them close enough, with {wanted / volume.probes:.1f} times "
             f"the rays and about {mib:.0f} MiB"
         )
-    unseen = 0.0 if settings.scrolling else unseen_sky(scene, volume, _bias(settings, volume))
-    if unseen > _UNSEEN:
-        larger = wider(volume)
-        told.append(
-            f"{unseen:.0%} of the light is the sky's on surfaces that no probe around them sees, "
-            f"as on a model's outside, which stay dark: {_given(larger)} sets probes there, too, "
-            f"with {larger.probes / volume.probes:.1f} times the rays and memory"
-        )
+    if not settings.scrolling:
+        bias = (settings.normal_bias + settings.view_bias) * min(volume.spacing)
+        told += told_of_sky("ddgi", scene, volume, bias, "rays and memory", _UNSEEN)
     window = 2 / (1 - settings.hysteresis) - 1
     longer = ", or average longer: --set ddgi.hysteresis=0.995 settles in six times the frames"
     return told + rare_light(space, settings.blended * window, "of a probe", longer)
-
-
-def _bias(settings: DdgiSettings, volume: Volume) -> float:
-    return (settings.normal_bias + settings.view_bias) * min(volume.spacing)
-
-
-def _given(volume: Volume) -> str:
-    """What on the command line makes it."""
-    values = {
-        "counts": "x".join(str(count) for count in volume.counts),
-        "origin": ",".join(f"{value:.4g}" for value in volume.origin),
-        "spacing": ",".join(f"{value:.4g}" for value in volume.spacing),
-    }
-    return " ".join(f"--set ddgi.{name}={value}" for name, value in values.items())
 
 
 def flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:

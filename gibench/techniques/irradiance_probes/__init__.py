@@ -13,6 +13,7 @@ from gibench.techniques.parts.captured_probes.technique import (
     declared,
     probe_knobs,
     probe_sweep,
+    sky_remarks,
 )
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import (
@@ -33,6 +34,13 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
         context.scene, settings, distance_sharpness=None, surface_bias=0.0, visibility_bias=0.0
     )
     return probe_stages(IrradianceProbes.name, context, asked)
+
+
+def _remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """Light of a sky that no probe sees."""
+    settings: IrradianceProbeSettings = job.settings
+    volume = settings.volume(scene)
+    return sky_remarks(IrradianceProbes.name, scene, volume, 0.0)
 
 
 def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
@@ -59,6 +67,7 @@ SPEC = TechniqueSpec(
     sweep=probe_sweep,
     knobs=probe_knobs,
     check=check_volume,
+    remarks=_remarks,
     flaws=_flaws,
     memory_options=("--probes", "--set irradiance-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},

@@ -15,6 +15,7 @@ from gibench.techniques.parts.captured_probes.technique import (
     declared,
     probe_knobs,
     probe_sweep,
+    sky_remarks,
 )
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import (
@@ -31,16 +32,24 @@ __all__ = ["SPEC", "LightFieldProbeSettings", "LightFieldProbes"]
 
 def _stages(context: BakeContext) -> tuple[Stage, ...]:
     settings: LightFieldProbeSettings = context.settings
+    volume = settings.volume(context.scene)
     asked = Asked(
         context.scene,
         settings,
         distance_sharpness=settings.filter_sharpness,
-        surface_bias=settings.surface_bias,
-        visibility_bias=settings.visibility_bias,
+        surface_bias=settings.surface_bias_in(volume),
+        visibility_bias=settings.visibility_bias_in(volume),
         rays=settings.bounce_rays,
         denoise=settings.denoise if settings.bounce_rays else 0,
     )
     return probe_stages(LightFieldProbes.name, context, asked)
+
+
+def _remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
+    """Light of a sky that no probe sees."""
+    settings: LightFieldProbeSettings = job.settings
+    volume = settings.volume(scene)
+    return sky_remarks(LightFieldProbes.name, scene, volume, settings.surface_bias_in(volume))
 
 
 def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
@@ -50,7 +59,8 @@ def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     settings: LightFieldProbeSettings = job.settings
     texel = math.sqrt(4 * math.pi) / settings.map_texels
     volume = settings.volume(scene)
-    reach = settings.surface_bias + settings.visibility_bias + texel * max(volume.spacing)
+    biases = settings.surface_bias_in(volume) + settings.visibility_bias_in(volume)
+    reach = biases + texel * max(volume.spacing)
     return leaking_walls(
         scene,
         reach,
@@ -72,6 +82,7 @@ SPEC = TechniqueSpec(
     sweep=probe_sweep,
     knobs=probe_knobs,
     check=check_volume,
+    remarks=_remarks,
     flaws=_flaws,
     memory_options=("--probes", "--set light-field-probes.map_texels", "--resolution"),
     counts={"probes": "probes"},

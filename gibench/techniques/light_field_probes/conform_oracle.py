@@ -45,7 +45,7 @@ def weights(technique: Any, position: Array, geometric: Array) -> Array:
     held, read = technique.probes, technique.device.read
     settings, volume = technique._settings, held.baked.volume
     visible = held.distance is not None
-    point = position + (settings.surface_bias if visible else 0.0) * geometric
+    point = position + (settings.surface_bias_in(volume) if visible else 0.0) * geometric
     state = read(held.placed.data)[:, 3]
     found = np.zeros((len(point), volume.probes))
     for probe, centre in enumerate(volume.positions):
@@ -58,7 +58,7 @@ def weights(technique: Any, position: Array, geometric: Array) -> Array:
             moments = lookup(read(held.distance)[probe].astype(np.float64), away / meters[:, None])
             share = share * chebyshev(
                 meters / held.baked.far,
-                settings.visibility_bias / held.baked.far,
+                settings.visibility_bias_in(volume) / held.baked.far,
                 *moments.T,
             )
         found[:, probe] = share
@@ -142,7 +142,10 @@ def within_reach(technique: Any, position: Array, geometric: Array) -> Array:
     single precision knows little of the share."""
     held, settings = technique.probes, technique._settings
     volume = held.baked.volume
-    point = position + (settings.surface_bias if held.distance is not None else 0.0) * geometric
+    point = (
+        position
+        + (settings.surface_bias_in(volume) if held.distance is not None else 0.0) * geometric
+    )
     cells = np.abs(point[:, None] - volume.positions) / np.array(volume.spacing)
     return np.asarray((np.abs(1 - cells) > 1e-3).all(axis=(1, 2)))
 

@@ -12,10 +12,15 @@ from gibench.techniques.parts.captured_probes.settings import (
     setting,
     texel_sharpness,
 )
-from gibench.techniques.parts.probe_volume import AUTO
+from gibench.techniques.parts.probe_volume import AUTO, Volume
 
 RAYS: Final = "rays"
 IRRADIANCE: Final = "irradiance"
+_BIAS: Final = 0.01
+"""m, in a scene of a room's size; our choice."""
+_LEAST_BIAS, _MOST_BIAS = 1 / 1000, 1 / 30
+"""Of the least distance between probes, so that neither a scene of millimetres lies within it nor
+one of kilometres knows nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +39,18 @@ class LightFieldProbeSettings(CapturedProbeSettings):
         "distances are averaged by this power of the cosine: softer edges of visibility, more "
         "leaks for less of it; unset: as 'sharpness' where that is unset",
     )
-    visibility_bias: float = setting(
-        0.01, "taken off a point's distance before it is compared with the mean: its own surface "
-        "does not hide it", "m",
-    )  # fmt: skip
-    surface_bias: float = setting(
-        0.01, "points are looked at this far off their surface, for the same reason", "m"
+    visibility_bias: float | None = setting(
+        None,
+        "taken off a point's distance before it is compared with the mean: its own surface does "
+        "not hide it; unset: 0.01 m, at least a thousandth and at most a thirtieth of the least "
+        "distance between probes",
+        "m",
+    )
+    surface_bias: float | None = setting(
+        None,
+        "points are looked at this far off their surface, for the same reason; unset: as "
+        "'visibility_bias' where that is unset",
+        "m",
     )
     gather: str = setting(
         AUTO,
@@ -74,6 +85,14 @@ class LightFieldProbeSettings(CapturedProbeSettings):
                 f"denoise is {self.denoise}", mend=f"give 0 to {self.map_texels}, a map's side"
             )
 
+    def surface_bias_in(self, volume: Volume) -> float:
+        """How far off their surface points are looked at among probes of ``volume``, m."""
+        return _fitting(volume) if self.surface_bias is None else self.surface_bias
+
+    def visibility_bias_in(self, volume: Volume) -> float:
+        """What is taken off a point's distance to probes of ``volume``, m."""
+        return _fitting(volume) if self.visibility_bias is None else self.visibility_bias
+
     @property
     def bounce_rays(self) -> int:
         """Rays that further bounces are gathered by; 0: from irradiance."""
@@ -85,3 +104,8 @@ class LightFieldProbeSettings(CapturedProbeSettings):
         if self.distance_sharpness is None:
             return texel_sharpness(self.map_texels)
         return self.distance_sharpness
+
+
+def _fitting(volume: Volume) -> float:
+    nearest = min(volume.spacing)
+    return min(max(_BIAS, _LEAST_BIAS * nearest), _MOST_BIAS * nearest)

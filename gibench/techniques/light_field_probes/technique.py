@@ -27,5 +27,6 @@ class LightFieldProbes(CapturedProbeTechnique):
 
     def __init__(self, device: Device, job: Job, world: World) -> None:
         settings: LightFieldProbeSettings = job.settings
-        biases = Biases(settings.surface_bias, settings.visibility_bias)
+        volume = world.baked.volume
+        biases = Biases(settings.surface_bias_in(volume), settings.visibility_bias_in(volume))
         super().__init__(device, job, world, biases, settings.filter_sharpness)

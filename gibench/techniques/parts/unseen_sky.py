@@ -20,6 +20,36 @@ _POINTS: Final = 2048
 _LOOKS: Final = 8  # cosine-distributed rays from each
 
 
+def told_of_sky(
+    technique: str, scene: Scene, volume: Volume, bias: float, cost: str, most: float
+) -> list[str]:
+    """That probes miss much of the sky's light, and the volume that would have it.
+
+    Args:
+        technique: whose settings ``counts``, ``origin`` and ``spacing`` are.
+        scene: the scene.
+        volume: of the probes.
+        bias: how far off the surface they are looked for, m.
+        cost: what grows as the number of probes, in words.
+        most: share of all light that may fall where no probe is seen.
+    """
+    unseen = unseen_sky(scene, volume, bias)
+    if unseen <= most:
+        return []
+    larger = wider(volume)
+    values = {
+        "counts": "x".join(str(count) for count in larger.counts),
+        "origin": ",".join(f"{value:.4g}" for value in larger.origin),
+        "spacing": ",".join(f"{value:.4g}" for value in larger.spacing),
+    }
+    given = " ".join(f"--set {technique}.{name}={value}" for name, value in values.items())
+    return [
+        f"{unseen:.0%} of the light is the sky's on surfaces that no probe around them sees, as on "
+        f"a model's outside, which stay dark: {given} sets probes there, too, with "
+        f"{larger.probes / volume.probes:.1f} times the {cost}"
+    ]
+
+
 def unseen_sky(scene: Scene, volume: Volume, bias: float) -> float:
     """Share of all light that is the sky's and falls where no probe around is seen, 0 to 1.
 
