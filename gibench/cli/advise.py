@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gibench.cli import options
+from gibench.errors import printable
 
 _ALL: list[str] = []
 
@@ -134,7 +135,9 @@ def advise(
         )
     if shard is not None:
         if not quiet:
-            typer.echo(f"{len(result.table)} rows of shard {shard}; see {result.folder}")
+            typer.echo(
+                f"{len(result.table)} rows of shard {shard}; see {printable(str(result.folder))}"
+            )
     elif not quiet:
         from gibench.report.advice import show_advice
 
@@ -143,6 +146,6 @@ def advise(
             from gibench.report.projected_terminal import show_ranking
 
             show_ranking(result.projected)
-        typer.echo(f"see {result.folder}")
+        typer.echo(f"see {printable(str(result.folder))}")
     if result.error is not None:
         raise result.error

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gibench.cli import options
+from gibench.errors import printable
 
 
 def experiment(
@@ -152,4 +153,6 @@ def experiment(
         )
     if not quiet:
         done = int((result.table["status"] == "ok").sum())
-        typer.echo(f"{done} of {len(result.table)} rows measured; see {result.folder}")
+        typer.echo(
+            f"{done} of {len(result.table)} rows measured; see {printable(str(result.folder))}"
+        )

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gibench.cli import options
+from gibench.errors import printable
 
 _NONE: list[str] = []
 
@@ -120,6 +121,6 @@ def explain(
         from gibench.report.explain import show_explanation
 
         show_explanation(result.table, result.profile)
-        typer.echo(f"see {result.folder}")
+        typer.echo(f"see {printable(str(result.folder))}")
     if result.error is not None:
         raise result.error

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from gibench.errors import printable
+
 
 def merge(
     runs: Annotated[
@@ -31,7 +33,8 @@ def merge(
     asked = merged.record["arguments"]
     if merged.is_run:
         typer.echo(
-            f"{merged.shards} shards, {merged.total} configurations; see {merged.folder.path}"
+            f"{merged.shards} shards, {merged.total} configurations; "
+            f"see {printable(str(merged.folder.path))}"
         )
         return
     command = f"experiment {asked['experiment']}" if "experiment" in asked else "advise"

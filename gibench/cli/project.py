@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gibench.cli import options
+from gibench.errors import printable
 
 
 def project(
@@ -34,4 +35,4 @@ def project(
     result = projected(run, device_profile, cache_dir, tell)
     if not quiet:
         show_projection(result.table)
-        typer.echo(f"see {result.folder / 'projected.csv'}")
+        typer.echo(f"see {printable(str(result.folder / 'projected.csv'))}")

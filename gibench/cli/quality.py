@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gibench.cli import flight, motion, options
+from gibench.errors import printable
 
 _DEFAULT_TECHNIQUES = ["srp"]
 
@@ -164,6 +165,6 @@ def quality(
         from gibench.report.quality import show_quality
 
         show_quality(result.table, cpu_name())
-        typer.echo(f"see {result.folder}")
+        typer.echo(f"see {printable(str(result.folder))}")
     if result.error is not None:
         raise result.error

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from gibench.cli import flight, motion, options
+from gibench.errors import printable
 
 _NONE: list[str] = []
 
@@ -210,6 +211,9 @@ def run(
         show_answers(result.answers)
         for line in result.left_out:
             typer.echo(line)
-        typer.echo(f"{result.ran} of {len(result.frames)} configurations ran; see {result.folder}")
+        typer.echo(
+            f"{result.ran} of {len(result.frames)} configurations ran; "
+            f"see {printable(str(result.folder))}"
+        )
     if result.error is not None:
         raise result.error

@@ -20,6 +20,7 @@ from gibench.measure.runfolder.axes import axes_of
 from gibench.report.faults import plot_faults, profiled
 from gibench.report.quality import quality_report, quality_table
 from gibench.report.tables import csv_text
+from gibench.scene.load import names_apart
 from gibench.study.pictures import write_pictures
 from gibench.study.quality import QualityOutcome, check_views, compare
 from gibench.study.quality_rows import Group, QualityOptions, columns
@@ -135,7 +136,8 @@ def quality(
             where="--frames",
             mend="give more, for light to settle after it",
         )
-    site = Site(asked.cache_folder(cache_dir), seed, device, executor)
+    names = names_apart([job.scene for job in jobs])
+    site = Site(asked.cache_folder(cache_dir), seed, device, executor, names=names)
     several = len({(job.scene, job.receivers) for job in jobs}) > 1
     if reference is not None and several:
         raise BadInput(

@@ -31,6 +31,7 @@ from gibench.report.loaded import ERRORS, answers_of
 from gibench.report.projected import PROJECTED
 from gibench.report.tables import csv_text
 from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budgets
+from gibench.scene.load import names_apart
 from gibench.study.run_errors import SETTLE_SECONDS, measurable, run_errors
 from gibench.study.site import Site
 from gibench.techniques.job import Job
@@ -139,7 +140,8 @@ def run(
     jobs = asked.jobs_of(given)
     cl_device = select_cl_device(device)
     jobs = with_layouts(jobs, cl_device)
-    shared = Shared(asked.cache_folder(cache_dir), seed, executor)
+    names = names_apart([job.scene for job in jobs])
+    shared = Shared(asked.cache_folder(cache_dir), seed, executor, names)
     jobs, left_out = _suited(jobs, shared, all_techniques=technique is None)
     arguments["technique"] = list(dict.fromkeys(job.technique for job in jobs))
     axes, part, first = axes_of(jobs), Shard.parse(shard), 1
@@ -170,7 +172,7 @@ def run(
     results = measured.outcome.results
     compared = measurable([(one.number, one.job) for one in results if _competes(one)])
     if quality and compared and not measured.outcome.ended:
-        site = Site(shared.cache_dir, seed, device, executor)
+        site = Site(shared.cache_dir, seed, device, executor, names=names)
         interrupted = not _keep_errors(folder, compared, site, settle_seconds)
         write_tables(folder, measured.record)
     result = _result(folder.path, measured, left_out, interrupted)

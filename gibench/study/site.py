@@ -36,6 +36,7 @@ class Site:
         executor: of bakes and truths; None for a thread per core.
         scenes: loaded, by the names that jobs have for them: of a site that travels.
         files: of its cache folder, by name: of a site that travels to where that is not seen.
+        names: of scene files that share a name with another (``gibench.scene.load.names_apart``).
     """
 
     cache_dir: Path
@@ -44,6 +45,7 @@ class Site:
     executor: Executor | None = None
     scenes: Mapping[str, Scene] = field(default_factory=dict, repr=False)
     files: Mapping[str, npt.NDArray[np.uint8]] = field(default_factory=dict, repr=False)
+    names: Mapping[str, str] = field(default_factory=dict, repr=False)
     _here: Resources = field(default_factory=Resources, repr=False, compare=False)
 
     @property
@@ -74,14 +76,16 @@ class Site:
         return self._here.get(key, make)
 
     def _with_scenes(self, make: Callable[..., S], **more: Any) -> S:
-        shared = make(self.cache_dir, self.seed, self.executor, **more)
+        shared = make(self.cache_dir, self.seed, self.executor, self.names, **more)
         for name, scene in self.scenes.items():
             shared.hold(name, scene)
         return shared
 
     def __reduce__(self) -> tuple[Any, ...]:
         given = self.cache_dir, self.seed, self.device, self.executor
-        return (_arrived, (*given, self.scenes, self.files)) if self.scenes else (Site, given)
+        if self.scenes:  # which have their names
+            return _arrived, (*given, self.scenes, self.files)
+        return Site, (*given, {}, {}, self.names)
 
 
 def _arrived(

@@ -47,9 +47,6 @@ from gibench.techniques.technique import (
 _LOG = logging.getLogger(__name__)
 
 
-_LOG = logging.getLogger(__name__)
-
-
 @dataclass
 class Session:
     """A job on its device: opened, prepared, run frame by frame, read and closed.

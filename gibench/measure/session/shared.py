@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import RLock
@@ -29,11 +30,13 @@ class Shared:
         cache_dir: where lightmaps and baked data are kept between runs.
         seed: of every random choice.
         executor: of bakes; a thread per core by default.
+        names: of files that share a name with another (``gibench.scene.load.names_apart``).
     """
 
     cache_dir: Path
     seed: int
     executor: Executor | None = None
+    names: Mapping[str, str] = field(default_factory=dict)
     _scenes: dict[str, Scene] = field(default_factory=dict, repr=False)
     _lightmap: tuple[tuple[str, int], Lightmap] | None = field(default=None, repr=False)
     _baked: dict[str, Any] = field(default_factory=dict, repr=False)
@@ -45,11 +48,12 @@ class Shared:
         Raises:
             BadInput: there is none, or its files are unsound.
         """
-        from gibench.scene.load import load_scene
+        from gibench.scene.load import key_of, load_scene
 
         with self._lock:
             if name_or_path not in self._scenes:
-                self._scenes[name_or_path] = load_scene(name_or_path)
+                called = self.names.get(key_of(name_or_path)) if self.names else None
+                self._scenes[name_or_path] = load_scene(name_or_path, called)
             return self._scenes[name_or_path]
 
     def hold(self, name_or_path: str, scene: Scene) -> None:

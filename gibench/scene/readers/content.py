@@ -43,6 +43,8 @@ class Part:
         emission_uvs: (v, 2) float, of the emission's image, v upwards; None for ``uvs``.
         opacity_uvs: (v, 2) float, of the opacity's image; None for ``uvs``.
         colors: (v, 3) float, linear, times the material's colour, or None.
+        alphas: (v,) float, 0 to 1, times the material's opacity where it has one, or None.
+        transmission_uvs: (v, 2) float, of the transmission's image; None for ``uvs``.
         materials: (t,) int64 material of every triangle, in place of ``material``, or None.
         cutouts: (t,) int64 image of every triangle in ``Content.cutouts``, looked up at
             ``opacity_uvs``, -1 for a whole one; or None.
@@ -68,6 +70,8 @@ class Part:
     emission_uvs: Array | None = None
     opacity_uvs: Array | None = None
     colors: Array | None = None
+    alphas: Array | None = None
+    transmission_uvs: Array | None = None
     materials: Array | None = None
     cutouts: Array | None = None
     glow: Array | None = None
@@ -89,6 +93,7 @@ class Maps:
         normal: unit vectors in tangent space.
         normal_scale: that their x and y are to be multiplied with.
         gloss: (0, roughness, metalness), the channels that glTF has them in.
+        transmission: the material's transmission is to be multiplied with it; three equal channels.
     """
 
     emission: Texture | None = None
@@ -96,6 +101,7 @@ class Maps:
     normal: Texture | None = None
     normal_scale: float = 1.0
     gloss: Texture | None = None
+    transmission: Texture | None = None
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.scene.cutouts import surface_texels
+from gibench.scene.model import Material
 from gibench.scene.readers.content import Array, Content, Part, counted, of_corners
 
 Bools = npt.NDArray[np.bool_]
+
+# Different alphas of a part's vertices that are told apart: each takes a mask of its own.
+_MOST_ALPHAS = 16
 
 
 def cut_out(
@@ -25,8 +29,14 @@ def cut_out(
     masks: dict[tuple[int, float, float], int] = {}
     images: list[Bools] = []
     result: list[Part] = []
+    todo: list[tuple[Part, Material]] = []
     for part in parts:
         material = content.materials[part.material]
+        if material.alpha_mode == "mask" and len(part.triangles) and part.alphas is not None:
+            todo += _by_alpha(part, material, notes)
+        else:
+            todo.append((part, material))
+    for part, material in todo:
         if material.alpha_mode != "mask" or not len(part.triangles):
             result.append(part)
             continue
@@ -56,14 +66,45 @@ def cut_out(
     return result, tuple(images)
 
 
+def _by_alpha(part: Part, material: Material, notes: list[str]) -> list[tuple[Part, Material]]:
+    """The part cut up by its vertices' alpha, each piece with a material whose opacity has it
+    (glTF 2.0, 3.7.2.1: colours of vertices multiply the base colour).
+    """
+    assert part.alphas is not None
+    corners = of_corners(part, part.alphas[:, None])[:, :, 0]
+    varies = np.ptp(corners, axis=1) > 0
+    alphas = np.where(varies, corners.mean(axis=1), corners[:, 0])
+    if varies.any():
+        notes.append(
+            f"alpha of vertices within {counted(int(varies.sum()), 'triangle')} of cut-outs of "
+            f"{material.name}: the mean of each used"
+        )
+    if len(np.unique(alphas)) > _MOST_ALPHAS:
+        alphas = np.round(alphas * _MOST_ALPHAS) / _MOST_ALPHAS
+    return [
+        (
+            _some(part, alphas == alpha),
+            replace(material, opacity=material.opacity * alpha),
+        )
+        for alpha in np.unique(alphas).tolist()
+    ]
+
+
+def _some(part: Part, keep: Bools) -> Part:
+    """The part with some of its triangles."""
+    return replace(
+        part,
+        triangles=part.triangles[keep],
+        materials=None if part.materials is None else part.materials[keep],
+    )
+
+
 def _masked(part: Part, uvs: Array, number: int, image: Bools) -> Part:
     found, of = surface_texels(image, of_corners(part, uvs))
     keep = found > 0
     cutouts = np.where(found < of, number, -1)[keep]
     return replace(
-        part,
-        triangles=part.triangles[keep],
-        materials=None if part.materials is None else part.materials[keep],
+        _some(part, keep),
         cutouts=cutouts if (cutouts >= 0).any() else None,
         opacity_uvs=uvs,
     )

@@ -8,9 +8,7 @@ and not for a spectrum.
 
 from __future__ import annotations
 
-import json
 import math
-import struct
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +22,7 @@ from gibench.scene.files import read_bytes
 from gibench.scene.model import (
     Camera,
     Light,
+    SpotLight,
 )
 from gibench.scene.readers.content import (
     Array,
@@ -35,48 +34,19 @@ from gibench.scene.readers.content import (
     vec3,
 )
 from gibench.scene.readers.gltf_buffers import Buffers, compressed
+from gibench.scene.readers.gltf_container import (
+    NOT_SAID,
+    READ_EXTENSIONS,
+    check_extensions,
+    parsed,
+)
 from gibench.scene.readers.gltf_formulas import local_matrix, punctual_light, triangles
 from gibench.scene.readers.gltf_materials import Materials, Slot
+from gibench.scene.readers.gltf_skins import Skins
 from gibench.scene.readers.gltf_wrap import wrapped
 
-# Extensions that may be required and still be read (every KHR_materials_* beside them).
-_READ_EXTENSIONS = {
-    "KHR_lights_punctual",
-    "KHR_mesh_quantization",
-    "KHR_node_visibility",
-    "KHR_texture_transform",
-    "EXT_texture_webp",
-}
-# Extensions of which nothing is said: read with the materials, told of where they matter, or
-# without effect on the light of diffuse surfaces.
-_NOT_SAID = {
-    "EXT_mesh_gpu_instancing",
-    "EXT_meshopt_compression",
-    "EXT_texture_avif",
-    "KHR_animation_pointer",
-    "KHR_draco_mesh_compression",
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
-    "KHR_materials_dispersion",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_iridescence",
-    "KHR_materials_pbrSpecularGlossiness",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_variants",
-    "KHR_texture_basisu",
-    "KHR_xmp",
-    "KHR_xmp_json_ld",
-    "MSFT_lod",
-    "MSFT_texture_dds",
-}
 # Compressions that are not read: a file with them is refused where it has nothing else.
 _COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
-
-_WRONG_JSON = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 
 
 def load_gltf(path: Path) -> Content:
@@ -88,8 +58,8 @@ def load_gltf(path: Path) -> Content:
     """
     data = read_bytes(path)
     try:
-        gltf = _parse(data, path)
-        _check_extensions(gltf, path)
+        gltf = parsed(data, path)
+        check_extensions(gltf, path)
         with np.errstate(all="ignore"):  # NaN and infinity are dealt with in clean.py
             return _Reader(gltf, path).read()
     except BadInput:
@@ -104,63 +74,6 @@ def load_gltf(path: Path) -> Content:
         MemoryError,
     ) as error:
         raise BadInput(f"not a sound glTF 2.0 file ({error})", where=path) from error
-
-
-def _parse(data: bytes, path: Path) -> pygltflib.GLTF2:
-    text, blob = _chunks(data, path) if data[:4] == b"glTF" else (data, None)
-    try:
-        decoded = text.decode("utf-8-sig")
-        entries = json.loads(decoded)
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise BadInput(
-            f"not a glTF file ({error})", where=path, mend="glTF is JSON in UTF-8"
-        ) from error
-    if not isinstance(entries, dict):
-        raise BadInput("not a glTF file (its JSON is no object)", where=path)
-    gltf = pygltflib.GLTF2.gltf_from_json(decoded)
-    if blob is not None:
-        gltf.set_binary_blob(blob)
-    version_text = str(gltf.asset.version if gltf.asset else None)
-    if not version_text.startswith("2"):
-        raise BadInput(f"glTF version {version_text}", where=path, mend="only glTF 2.0 is read")
-    least = gltf.asset.minVersion if gltf.asset else None
-    if least is not None and str(least) != "2.0":
-        raise BadInput(f"asks for glTF {least}", where=path, mend="only glTF 2.0 is read")
-    return gltf
-
-
-def _chunks(data: bytes, path: Path) -> tuple[bytes, bytes | None]:
-    """The JSON and the first binary chunk of a glb file; others are passed over, as the
-    specification asks (4.4.3).
-    """
-    if len(data) < 12:
-        raise BadInput("truncated: the file ends inside its header", where=path)
-    version, length = struct.unpack("<II", data[4:12])
-    if version != 2:
-        raise BadInput(f"glb version {version}", where=path, mend="only glTF 2.0 is read")
-    if len(data) < length:
-        raise BadInput(f"truncated: {len(data)} of {length} bytes are there", where=path)
-    found: dict[bytes, bytes] = {}
-    at = 12
-    while at + 8 <= length:
-        size, kind = struct.unpack("<I4s", data[at : at + 8])
-        if at + 8 + size > len(data):
-            raise BadInput("not a sound glb file: a chunk is cut short", where=path)
-        found.setdefault(kind, data[at + 8 : at + 8 + size])
-        at += 8 + size
-    if b"JSON" not in found:
-        raise BadInput("not a sound glb file: it has no JSON chunk", where=path)
-    return found[b"JSON"], found.get(b"BIN\0")
-
-
-def _check_extensions(gltf: pygltflib.GLTF2, path: Path) -> None:
-    for name in gltf.extensionsRequired or []:
-        if name not in _READ_EXTENSIONS and not name.startswith("KHR_materials_"):
-            raise BadInput(
-                f"needs the glTF extension {name}, which gibench does not read",
-                where=path,
-                mend="export the file without it",
-            )
 
 
 @dataclass
@@ -184,6 +97,7 @@ class _Reader:
         self.found = _Found()
         self.visited: set[int] = set()
         self.materials = Materials(gltf, self.buffers, path, self.found.ignored)
+        self.skins = Skins(gltf, self.buffers, self.found.ignored)
         self.primitives: dict[tuple[int, int], Part | None] = {}
 
     def read(self) -> Content:
@@ -191,7 +105,7 @@ class _Reader:
         if animations := len(self.gltf.animations or []):
             self.found.ignored["animations: the pose at rest used"] += animations
         for name in sorted({str(name) for name in self.gltf.extensionsUsed or []}):
-            if name not in _READ_EXTENSIONS | _NOT_SAID:
+            if name not in READ_EXTENSIONS | NOT_SAID:
                 self.found.ignored[f"the extension {name}"] += 1
         for node in self._roots():
             self._walk(node, np.eye(4))
@@ -276,9 +190,7 @@ class _Reader:
     def _visit(self, node: Any, index: int, world: Array) -> None:
         if node.mesh is not None:
             self.found.meshes[node.mesh] += 1
-            self._add_mesh(node.mesh, index, world)
-            if node.skin is not None:
-                self.found.ignored["skins: bind pose used"] += 1
+            self._add_mesh(node.mesh, index, world, node.skin)
         if node.camera is not None:
             self._add_camera(node.camera, world)
         light = (node.extensions or {}).get("KHR_lights_punctual")
@@ -287,7 +199,7 @@ class _Reader:
         if "EXT_mesh_gpu_instancing" in (node.extensions or {}):
             self.found.ignored["EXT_mesh_gpu_instancing: one instance used"] += 1
 
-    def _add_mesh(self, mesh_index: int, node_index: int, world: Array) -> None:
+    def _add_mesh(self, mesh_index: int, node_index: int, world: Array, skin: Any) -> None:
         meshes = self.gltf.meshes or []
         if not 0 <= mesh_index < len(meshes):
             raise BadInput(f"there is no mesh {mesh_index}", where=self.path)
@@ -297,8 +209,11 @@ class _Reader:
                 self.primitives[key] = self._primitive(primitive)
             part = self.primitives[key]
             if part is not None:
-                moved = transform_part(replace(part, object_id=node_index), world)
-                self.found.parts.append(moved)
+                part = replace(part, object_id=node_index)
+                if skin is None:
+                    self.found.parts.append(transform_part(part, world))
+                else:
+                    self.found.parts.append(self.skins.posed(part, primitive, skin))
 
     def _primitive(self, primitive: Any) -> Part | None:
         mode = 4 if primitive.mode is None else primitive.mode
@@ -321,36 +236,38 @@ class _Reader:
             indices = self.buffers.accessor(primitive.indices, 1)[:, 0].astype(np.int64)
         count = len(positions)
         uses = self.materials.uses(primitive.material)
-        uvs = {name: self._uvs(attributes, use, count) for name, use in uses.slots.items()}
+        sets = {
+            n: self._attribute(attributes, f"TEXCOORD_{n}", (2,), count)
+            for n in {1, *(use.uv_set for use in uses.slots.values())}
+        }
+        uvs = {name: _placed(sets[use.uv_set], use) for name, use in uses.slots.items()}
+        colors = self._colors(attributes, count)
         return Part(
             positions=positions,
             triangles=triangles(indices, mode),
             material=uses.material,
             normals=self._attribute(attributes, "NORMAL", (3,), count),
             uvs=uvs["color"],
-            lightmap_uvs=self._attribute(attributes, "TEXCOORD_1", (2,), count),
+            lightmap_uvs=sets[1],
             emission_uvs=uvs["emission"],
             normal_uvs=uvs["normal"],
             gloss_uvs=uvs["gloss"],
             tangents=self._attribute(attributes, "TANGENT", (4,), count),
             opacity_uvs=uvs["color"],
-            colors=self._colors(attributes, count),
+            transmission_uvs=uvs["transmission"],
+            colors=None if colors is None else colors[:, :3],
+            alphas=None if colors is None or colors.shape[1] < 4 else colors[:, 3],
         )
 
-    def _uvs(self, attributes: Any, use: Slot, count: int) -> Array | None:
-        """Coordinates of a texture slot, v upwards; the first set where it has no texture."""
-        uvs = self._attribute(attributes, f"TEXCOORD_{use.uv_set}", (2,), count)
-        if uvs is None:
-            return None
-        uvs = uvs.astype(np.float64) @ use.matrix[:2, :2].T + use.matrix[:2, 2]
-        return np.column_stack((uvs[:, 0], 1.0 - uvs[:, 1]))
-
     def _colors(self, attributes: Any, count: int) -> Array | None:
-        """COLOR_0, linear, without its alpha (glTF 2.0, 3.7.2.1)."""
+        """COLOR_0 (v, 3 or 4), linear, from 0 to 1 (glTF 2.0, 3.7.2.1)."""
         colors = self._attribute(attributes, "COLOR_0", (3, 4), count)
         if colors is None:
             return None
-        return np.clip(np.nan_to_num(colors[:, :3].astype(np.float64), nan=1.0), 0.0, 1.0)
+        sound = np.nan_to_num(colors.astype(np.float64), nan=1.0)
+        if (sound > 1).any():
+            self.found.ignored["colours of vertices (COLOR_0) over 1: 1 used"] += 1
+        return np.clip(sound, 0.0, 1.0)
 
     def _attribute(
         self, attributes: Any, name: str, widths: tuple[int, ...], count: int
@@ -372,6 +289,9 @@ class _Reader:
         if camera.perspective is None:
             self.found.ignored["orthographic cameras"] += 1
             return
+        if not 0 < camera.perspective.yfov < math.pi:
+            self.found.ignored["cameras with a senseless field of view"] += 1
+            return
         position = world[:3, 3]
         self.found.cameras.append(
             Camera(
@@ -391,7 +311,20 @@ class _Reader:
         if lamp is None:
             self.found.ignored[f"lights of type {table[index].get('type')!r}"] += 1
             return
+        if table[index].get("range") is not None:
+            self.found.ignored["ranges of lights: they shine on beyond them"] += 1
+        if isinstance(lamp, SpotLight) and lamp.inner_angle > lamp.outer_angle:
+            self.found.ignored["inner cones of spots wider than the outer: the outer used"] += 1
+            lamp = replace(lamp, inner_angle=lamp.outer_angle)
         self.found.lights.append(transform_light(lamp, world))
+
+
+def _placed(uvs: Array | None, use: Slot) -> Array | None:
+    """Coordinates of a texture slot, v upwards."""
+    if uvs is None:
+        return None
+    moved = uvs.astype(np.float64) @ use.matrix[:2, :2].T + use.matrix[:2, 2]
+    return np.column_stack((moved[:, 0], 1.0 - moved[:, 1]))
 
 
 def _hidden(node: Any) -> bool:

@@ -26,7 +26,7 @@ _DTYPES: dict[int, str] = {
 }
 # An accessor without data is all zeros; more than the largest mesh could need are a mistake.
 _MOST_ZEROS = 1 << 28
-_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 def compressed(extension: str, path: Path) -> BadInput:
@@ -175,7 +175,7 @@ class Buffers:
 
     def _data_uri(self, uri: str, what: str) -> bytes:
         head, _, body = uri.partition(",")
-        if not head.endswith(";base64"):
+        if not head.lower().endswith(";base64"):
             return unquote_to_bytes(body)
         try:
             return base64.b64decode(unquote(body))

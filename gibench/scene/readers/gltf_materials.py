@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +27,21 @@ from gibench.scene.readers.gltf_gloss import Gloss, converted, gloss_of
 from gibench.scene.readers.gltf_wrap import CLAMP, MIRROR, REPEAT, Wrap
 from gibench.scene.readers.textures import (
     alpha_from_bytes,
+    channel_from_bytes,
     gloss_from_bytes,
     normals_from_bytes,
     radiance_from_bytes,
     texture_from_bytes,
 )
 
-SLOTS = ("color", "emission", "normal", "gloss")
+# Layers over a diffuse base that would dim it or shine themselves: extension, factor, in words.
+_LAYERS = (
+    ("KHR_materials_clearcoat", "clearcoatFactor", "clearcoat"),
+    ("KHR_materials_sheen", "sheenColorFactor", "sheen"),
+    ("KHR_materials_iridescence", "iridescenceFactor", "iridescence"),
+)
+
+SLOTS = ("color", "emission", "normal", "gloss", "transmission")
 """The uses of textures whose coordinates are read."""
 
 
@@ -86,7 +95,11 @@ class Materials:
     def read(self) -> tuple[list[Material], list[Maps]]:
         """All materials of the file and, last, that of primitives without one."""
         both = [self._material(entry, index) for index, entry in enumerate(self._entries)]
-        both.append((Material("default"), Maps()))
+        primitives = [p for mesh in self._gltf.meshes or [] for p in mesh.primitives or []]
+        default = Material("default")
+        if any(primitive.material is None for primitive in primitives):
+            default = replace(default, base_color=(1.0, 1.0, 1.0))  # glTF 2.0, 5.22.2
+        both.append((default, Maps()))
         return [material for material, _ in both], [maps for _, maps in both]
 
     def uses(self, index: Any) -> Uses:
@@ -105,7 +118,8 @@ class Materials:
         """What the file says of each slot of material ``index``; None where it has no image."""
         entry = self._entries[index]
         gloss = gloss_of(entry, index, self._path).image
-        used = (self._color(entry)[1], entry.emissiveTexture, entry.normalTexture, gloss)
+        glass = _transmission(entry).get("transmissionTexture")
+        used = (self._color(entry)[1], entry.emissiveTexture, entry.normalTexture, gloss, glass)
         return dict(zip(SLOTS, used, strict=True))
 
     def wraps(self) -> list[dict[str, Wrap]]:
@@ -157,7 +171,10 @@ class Materials:
         alpha = None
         if mode != "OPAQUE" and info is not None:
             alpha = self._decoded(_index(info), alpha_from_bytes)
-        transmission = extensions.get("KHR_materials_transmission", {})
+        for name, value, what in _LAYERS:
+            if np.any(np.asarray(extensions.get(name, {}).get(value, 0.0), np.float64) > 0):
+                self._ignored[f"{what} of materials: surfaces are diffuse"] += 1
+        passing = float(_transmission(entry).get("transmissionFactor", 0.0))
         gloss = gloss_of(entry, index, self._path)
         material = Material(
             name=str(entry.name or f"material {index}"),
@@ -169,7 +186,7 @@ class Materials:
             alpha_cutoff=float(0.5 if entry.alphaCutoff is None else entry.alphaCutoff),
             opacity=float(factor[3]) if mode != "OPAQUE" and len(factor) > 3 else 1.0,
             opacity_map="" if mode == "OPAQUE" or info is None else self._name(_index(info)),
-            transmission=float(transmission.get("transmissionFactor", 0.0)),
+            transmission=passing,
             two_sided=bool(entry.doubleSided),
             roughness=gloss.roughness,
             metalness=gloss.metalness,
@@ -182,7 +199,11 @@ class Materials:
         image = self._gloss_map(entry, gloss)
         if gloss.converted and image is not None:  # with all that the factors say
             material = replace(material, roughness=1.0, metalness=1.0)
-        maps = Maps(emission=glow, opacity=alpha, gloss=image, **self._normal_map(entry))
+        glass = None
+        if passing and (slot := _transmission(entry).get("transmissionTexture")) is not None:
+            glass = self._decoded(_index(slot), partial(channel_from_bytes, channel="r"))
+        normal = self._normal_map(entry)
+        maps = Maps(emission=glow, opacity=alpha, gloss=image, transmission=glass, **normal)
         return material, maps
 
     def _gloss_map(self, entry: Any, gloss: Gloss) -> Texture | None:
@@ -287,6 +308,11 @@ class Materials:
 def _index(info: Any) -> Any:
     """The texture of a slot; pygltflib leaves those within extensions as dictionaries."""
     return info.get("index") if isinstance(info, dict) else info.index
+
+
+def _transmission(entry: Any) -> dict[str, Any]:
+    found: dict[str, Any] = (entry.extensions or {}).get("KHR_materials_transmission", {})
+    return found
 
 
 def _slot(info: Any) -> Slot:

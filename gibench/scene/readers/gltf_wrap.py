@@ -30,6 +30,7 @@ _COORDINATES = {
     "emission": ("emission_uvs",),
     "normal": ("normal_uvs",),
     "gloss": ("gloss_uvs",),
+    "transmission": ("transmission_uvs",),
 }
 
 

@@ -1,4 +1,6 @@
-"""Images that are kept beside a scene for what reads them: normal maps, roughness and metalness."""
+"""Images that are kept beside a scene for what reads them: normal maps, roughness and metalness;
+and what there is in place of an image without texture coordinates.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,54 @@ from dataclasses import replace
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.scene.readers.content import Array, Content, Part, counted
+from gibench.scene.readers.content import Array, Content, Maps, Part, counted, vec3
 from gibench.scene.readers.material_variants import Variants, material_numbers
+
+
+def has_coordinates(uvs: Array | None) -> bool:
+    """Whether there is anywhere to look an image up."""
+    return uvs is not None and len(uvs) > 0
+
+
+def plain_without_coordinates(parts: list[Part], table: Variants, notes: list[str]) -> list[Part]:
+    """The parts with their colour's image at its mean where they have no coordinates in it."""
+    result, bare = [], []
+    for part in parts:
+        result.append(part)
+        if has_coordinates(part.uvs) or not len(part.triangles):
+            continue
+        numbers = material_numbers(part)
+        for number in np.unique(numbers).tolist():
+            material = table.materials[number]
+            if material.texture < 0:
+                continue
+            pixels = table.textures[material.texture].pixels.reshape(-1, 3)
+            color = np.multiply(material.base_color, pixels.mean(axis=0, dtype=np.float64))
+            plain = replace(material, base_color=vec3(np.clip(color, 0.0, 1.0)), texture=-1)
+            numbers = np.where(numbers == number, table.number(number, plain), numbers)
+            if np.ptp(pixels, axis=0).max() > 0:
+                bare.append(material.name)
+        result[-1] = replace(part, materials=numbers)
+    say_bare("images of colour", bare, notes)
+    return result
+
+
+def remark_unsound_coordinates(parts: list[Part], content: Content, notes: list[str]) -> None:
+    """Note coordinates of images that are NaN or infinite."""
+    count = 0
+    for part in parts:
+        has_image = content.materials[part.material].texture >= 0
+        if part.uvs is None or not (has_image or any_image(content.map_of(part.material))):
+            continue
+        count += int((~np.isfinite(part.uvs).all(axis=1)).sum())
+    if count:
+        notes.append(f"{counted(count, 'texture coordinate')} not finite: 0 used")
+
+
+def any_image(maps: Maps) -> bool:
+    """Whether a material has an image beside that of its colour."""
+    images = maps.emission, maps.opacity, maps.normal, maps.gloss, maps.transmission
+    return any(image is not None for image in images)
 
 
 def bumpy(
@@ -33,7 +81,7 @@ def bumpy(
                 found.append((maps.normal.pixels, maps.normal_scale))
             own = np.full(len(part.triangles), numbers[key])
             result.append(replace(part, bump=own, normal_uvs=uvs))
-    _say_bare("normal maps", bare, notes)
+    say_bare("normal maps", bare, notes, "not used")
     return result, tuple(found)
 
 
@@ -67,7 +115,7 @@ def glossy(
             found.append(pixels)
         own = np.full(len(part.triangles), numbers[id(image)])
         result.append(replace(part, gloss=own, gloss_uvs=uvs))
-    _say_bare("images of roughness", bare, notes)
+    say_bare("images of roughness", bare, notes)
     return result, tuple(found)
 
 
@@ -86,9 +134,12 @@ def _scaled(part: Part, table: Variants, roughness: float, metalness: float) -> 
     return result
 
 
-def _say_bare(what: str, names: list[str], notes: list[str]) -> None:
-    """Note the materials whose images have no coordinates."""
+def say_bare(
+    what: str, names: list[str], notes: list[str], instead: str = "their mean used"
+) -> None:
+    """Note the materials whose images have no coordinates, and what there is instead."""
     if names:
         told = list(dict.fromkeys(names))
         materials = counted(len(told), "material")
-        notes.append(f"{what} of {materials} without coordinates ({', '.join(told[:3])})")
+        names_told = ", ".join(told[:3])
+        notes.append(f"{what} of {materials} without coordinates ({names_told}): {instead}")

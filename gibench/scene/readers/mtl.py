@@ -5,9 +5,10 @@ Kd is the albedo, times map_Kd; Ke is emitted radiance, times map_Ke; d (or 1 - 
 
 from __future__ import annotations
 
-import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,13 @@ from gibench.scene.files import find_near, read_bytes
 from gibench.scene.model import BLACK, Material, Texture
 from gibench.scene.readers.content import Array, Maps, counted, vec3
 from gibench.scene.readers.float_images import UnreadableImage
+from gibench.scene.readers.mtl_files import library_files
 from gibench.scene.readers.mtl_maps import MapStatement, Transform, map_statement, numbers_of
+from gibench.scene.readers.mtl_unread import said, unread
 from gibench.scene.readers.text import argument, read_text, statements, without_comment
 from gibench.scene.readers.textures import (
     bumps_from_bytes,
+    channel_from_bytes,
     grey_from_bytes,
     normals_from_bytes,
     opacity_from_bytes,
@@ -121,10 +125,12 @@ class _Reader:
         self.senseless: list[str] = []
         self.earlier: list[tuple[str, _Entries]] = []  # definitions that later ones replace
         self.glass: list[str] = []
+        self.unread: Counter[str] = Counter()
+        self.before_any = 0
 
     def read_statement(self, text: str) -> None:
         """All libraries that one ``mtllib`` names."""
-        files, unknown = _library_files(self.folder, text)
+        files, unknown = library_files(self.folder, text)
         for name in unknown:
             self.warnings.append(f"material file '{name}' not found: default colours used")
         for file in files:
@@ -145,6 +151,8 @@ class _Reader:
                 self.found[name] = entries
             elif entries is not None:
                 entries.values[keyword] = argument(statement)
+            else:
+                self.before_any += 1
 
     def library(self, names: list[str], undefined: Vec3) -> Library:
         """The materials called ``names``."""
@@ -159,6 +167,7 @@ class _Reader:
                 maps.append(Maps())
                 continue
             material, images = self._material(name, number, entries)
+            self.unread.update(unread(entries.values))
             materials.append(material)
             maps.append(images)
         self._remark(list(filter(None, unknown)))
@@ -196,6 +205,10 @@ class _Reader:
                 f"{counted(len(self.glass), 'material')} of glass by illum alone "
                 f"({_some(self.glass)}): opaque, as neither d nor Tr lets light through"
             )
+        if self.before_any:
+            told = counted(self.before_any, "statement")
+            self.warnings.append(f"{told} of material files before any newmtl: not read")
+        self.warnings += said(self.unread)
         if self.senseless:
             self.warnings.append(
                 f"{counted(len(self.senseless), 'statement')} of materials not understood "
@@ -212,7 +225,9 @@ class _Reader:
             emission_map = self._decoded(*glow, "map_ke", radiance_from_bytes)
         cut_out = self._image(entries, number, "map_d")
         if cut_out is not None:
-            opacity_map = self._decoded(*cut_out, "map_d", opacity_from_bytes)
+            channel = map_statement(entries.values["map_d"]).channel
+            decode = partial(channel_from_bytes, channel=channel) if channel else opacity_from_bytes
+            opacity_map = self._decoded(*cut_out, "map_d", decode)
         # With a texture but no Kd, the texture is the albedo; with Kd 0 the exporter has left it to
         # the texture as well. So for emission.
         color = self._color(entries, "kd", WHITE if texture >= 0 else DEFAULT_COLOR)
@@ -324,6 +339,9 @@ class _Reader:
         if statement.transform != MapStatement("").transform:
             self.transforms[number, keyword] = statement.transform
         self.options += statement.ignored
+        of_colors = keyword in ("map_kd", "map_ke")
+        if statement.channel not in ("", "l") and not of_colors and keyword != "map_d":
+            self.options.append(f"-imfchan {statement.channel}")
         return statement.file, file
 
     def _misses(self, name: str, keyword: str) -> None:
@@ -383,27 +401,3 @@ class _Reader:
 
 def _some(names: list[str]) -> str:
     return ", ".join(list(dict.fromkeys(names))[:3])
-
-
-def _library_files(folder: Path, text: str) -> tuple[list[Path], list[str]]:
-    """The files that ``mtllib`` names, and the names of those that are missing.
-
-    Names are separated by blanks and may hold them: the longest that is a file is taken.
-    """
-    short = without_comment(text)
-    for whole in (text, short):
-        if file := find_near((folder,), whole.strip('"')):
-            return [file], []
-    words = re.findall(r'"[^"]*"|\S+', short)
-    files, unknown = [], []
-    while words:
-        for count in range(len(words), 0, -1):
-            name = " ".join(words[:count]).strip('"')
-            if file := find_near((folder,), name):
-                files.append(file)
-                break
-        else:
-            count = 1
-            unknown.append(words[0].strip('"'))
-        words = words[count:]
-    return (files, unknown) if files else ([], [short or text])

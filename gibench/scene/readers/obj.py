@@ -6,6 +6,7 @@ ZBrush's convention), linear as Kd is.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -18,6 +19,7 @@ from gibench.progress import progress
 from gibench.scene.readers.content import Array, Content, Part, counted
 from gibench.scene.readers.mtl import GLOSS_MAP, NORMAL_MAP, Library, read_libraries
 from gibench.scene.readers.obj_blocks import Corners, Faces, Numbers, blocks
+from gibench.scene.readers.obj_colors import vertex_colors
 from gibench.scene.readers.polygons import cut, fan, fans_hold
 from gibench.scene.readers.rows import Rows
 from gibench.scene.readers.text import argument, read_text, statements
@@ -43,12 +45,14 @@ class _Plain:
     numbers: dict[str, Rows] = field(
         default_factory=lambda: {"v": Rows(3), "vt": Rows(2), "vn": Rows(3)}
     )
-    colors: list[tuple[int, Array]] = field(default_factory=list)  # of vertices from a number on
+    # Three or four numbers behind the positions of vertices, from a number on.
+    colors: list[tuple[int, Array]] = field(default_factory=list)
     faces: dict[_RunKey, list[list[Corner] | Corners]] = field(default_factory=dict)
     libraries: list[str] = field(default_factory=list)
     out_of_range: int = 0
     not_faces: int = 0
     ignored_lines: int = 0
+    unread: Counter[str] = field(default_factory=Counter)
 
 
 def load_obj(path: Path) -> Content:
@@ -68,7 +72,7 @@ def load_obj(path: Path) -> Content:
     runs = list(plain.faces)
     crossing = 0
     arrays = {key: rows.array() for key, rows in plain.numbers.items()}
-    colors = _colors(plain, len(arrays["v"]))
+    colors, said_of_colors = vertex_colors(plain.colors, len(arrays["v"]))
     library = read_libraries(
         path.parent, plain.libraries, [run.material for run in runs], colors is not None
     )
@@ -83,7 +87,7 @@ def load_obj(path: Path) -> Content:
         materials=library.materials,
         textures=library.textures,
         object_names=tuple(group_numbers),
-        warnings=(*library.warnings, *_remarks(plain, crossing)),
+        warnings=(*library.warnings, *said_of_colors, *_remarks(plain, crossing)),
         maps=library.maps,
     )
 
@@ -96,6 +100,9 @@ def _remarks(plain: _Plain, crossing: int) -> list[str]:
         said.append(f"{counted(plain.not_faces, 'face')} with fewer than three corners dropped")
     if plain.ignored_lines:
         said.append(f"{counted(plain.ignored_lines, 'line')} of points, lines or curves ignored")
+    if plain.unread:
+        told = ", ".join([keyword for keyword, _ in plain.unread.most_common(5)])
+        said.append(f"{counted(plain.unread.total(), 'statement')} not read ({told})")
     if crossing:
         said.append(
             f"{counted(crossing, 'polygon')} without an area, or crossing its own outline: taken "
@@ -105,6 +112,11 @@ def _remarks(plain: _Plain, crossing: int) -> list[str]:
 
 
 _CURVES_AND_POINTS = {"p", "l", "curv", "curv2", "surf"}
+# Of smoothing and display, which nothing here does, and what belongs to curves and surfaces.
+_NO_EFFECT = {
+    "s", "mg", "bevel", "c_interp", "d_interp", "lod", "shadow_obj", "trace_obj", "ctech", "stech",
+    "vp", "cstype", "deg", "bmat", "step", "parm", "trim", "hole", "scrv", "sp", "end", "con",
+}  # fmt: skip
 
 
 class _Lines:
@@ -127,7 +139,7 @@ class _Lines:
             if keyword in plain.numbers:
                 words = statement.partition("#")[0].split()
                 _read_numbers(plain, keyword, words[1:], number, path)
-            elif keyword == "f":
+            elif keyword in ("f", "fo"):  # fo: outlines of faces before version 3
                 words = statement.partition("#")[0].split()
                 try:
                     corners = [seen.get(w) or _corner(w, plain.numbers, seen) for w in words[1:]]
@@ -147,6 +159,8 @@ class _Lines:
                 plain.libraries.append(argument(statement))
             elif keyword in _CURVES_AND_POINTS:
                 plain.ignored_lines += 1
+            elif keyword not in _NO_EFFECT:
+                plain.unread[keyword[:24]] += 1
 
     def _key(self, has_uv: bool, has_normal: bool) -> _RunKey:
         return _RunKey(self._group, self._material, has_uv, has_normal)
@@ -233,7 +247,7 @@ def _read_numbers(plain: _Plain, keyword: str, words: list[str], number: int, pa
         )
     rows = plain.numbers[keyword]
     if keyword == "v" and len(values) >= 6:
-        plain.colors.append((len(rows), np.array([values[-3:]])))
+        plain.colors.append((len(rows), np.array([values[3:7]])))
     rows.append(values[:wanted])
 
 
@@ -277,16 +291,6 @@ def _inside(key: _RunKey, corners: list[Corner], plain: _Plain) -> bool:
         if used[place] and not all(0 < corner[place] <= len(rows) for corner in corners):
             return False
     return True
-
-
-def _colors(plain: _Plain, vertices: int) -> Array | None:
-    """(v, 3) colours where the file has any; white where a vertex has none."""
-    if not plain.colors:
-        return None
-    colors = np.ones((vertices, 3))
-    for first, rows in plain.colors:
-        colors[first : first + len(rows)] = rows
-    return np.clip(np.nan_to_num(colors, nan=1.0), 0.0, 1.0)
 
 
 def _triangles(faces: list[list[Corner] | Corners], vertices: Array) -> tuple[Array, int]:

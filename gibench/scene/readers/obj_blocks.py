@@ -42,7 +42,7 @@ class Numbers:
     Attributes:
         keyword: of the lines.
         rows: (n, 3) of ``v`` and ``vn``, (n, 2) of ``vt``.
-        colors: (n, 3) of vertices that have them, or None.
+        colors: (n, 3 or 4), what stands behind positions of vertices, or None.
     """
 
     keyword: str
@@ -135,7 +135,7 @@ def _numbers(lines: str, keyword: str) -> Numbers | None:
     wanted = 2 if keyword == "vt" else 3
     if rows.shape[1] < wanted:
         return None
-    colors = rows[:, -3:].copy() if keyword == "v" and rows.shape[1] >= 6 else None
+    colors = rows[:, 3:7].copy() if keyword == "v" and rows.shape[1] >= 6 else None
     return Numbers(keyword, rows[:, :wanted].copy(), colors)
 
 

@@ -8,7 +8,9 @@ what the file's author saw:
   its material has the mean over the texels that it covers.
 - *Colours of vertices*: interpolated over the triangle through an image of four texels a triangle;
   where the material has an image already, the triangle's mean colour tints it.
-- *Opacity* (glTF's BLEND, MTL's d and Tr) *and transmission*: a part (the triangles of one object
+- *Images of colour and emission without coordinates*: their mean.
+- *Opacity* (glTF's BLEND, MTL's d and Tr; times its image and its vertices' alpha) *and
+  transmission* (times its image): a part (the triangles of one object
   with one material) that lets more light through than it stops is left out; any other is opaque.
   What glows is never left out.
 - *Cut-outs* (glTF's MASK, MTL's map_d): a triangle is there where opacity, times its image's texel,
@@ -30,7 +32,14 @@ from gibench.scene.lightmap.albedo import covered_mean, mean_texture
 from gibench.scene.model import Material, Texture
 from gibench.scene.readers.content import Array, Content, Part, counted, of_corners, vec3
 from gibench.scene.readers.cut_out import cut_out
-from gibench.scene.readers.image_layers import bumpy, glossy
+from gibench.scene.readers.image_layers import (
+    bumpy,
+    glossy,
+    has_coordinates,
+    plain_without_coordinates,
+    remark_unsound_coordinates,
+    say_bare,
+)
 from gibench.scene.readers.material_variants import Variants, material_numbers, numbers_of
 
 # Emissions and tints that differ by less than this share are one material.
@@ -43,12 +52,16 @@ def realised(content: Content) -> Content:
     """The content with only what kernels know: see the module's rules."""
     table = Variants(content)
     notes: list[str] = []
+    remark_unsound_coordinates(list(content.parts), content, notes)
     parts = _without_the_see_through(content, notes)
     parts, cutouts = cut_out(parts, content, notes)
+    parts = [replace(part, alphas=None, transmission_uvs=None) for part in parts]
     glows = _Glows()
     parts = [_glowing(part, content, table, glows) for part in parts]
+    say_bare("images of emission", glows.bare, notes)
     parts, normal_maps = bumpy(parts, content, notes)
     parts, gloss_maps = glossy(parts, content, table, notes)
+    parts = plain_without_coordinates(parts, table, notes)
     parts = table.in_place(_coloured(parts, table, notes))
     used = {number for part in parts for number in numbers_of(part)}
     notes += _remarks([table.materials[number] for number in sorted(used)])
@@ -71,6 +84,7 @@ class _Glows:
 
     def __init__(self) -> None:
         self.images: list[Floats] = []
+        self.bare: list[str] = []  # materials whose image has no coordinates
         self._numbers: dict[tuple[int, Vec3], int] = {}
 
     def number(self, image: Texture, emission: Vec3) -> int:
@@ -109,6 +123,15 @@ def _placed(corners: Array, places: Array) -> Array:
 
 def _without_the_see_through(content: Content, notes: list[str]) -> list[Part]:
     stays = [_opacity(part, content) >= 0.5 for part in content.parts]
+    bare = [
+        content.materials[part.material].name
+        for part in content.parts
+        if content.map_of(part.material).transmission is not None
+        and not has_coordinates(
+            part.uvs if part.transmission_uvs is None else part.transmission_uvs
+        )
+    ]
+    say_bare("images of transmission", bare, notes)
     if all(stays):
         return list(content.parts)
     out = [part for part, stay in zip(content.parts, stays, strict=True) if not stay]
@@ -131,17 +154,32 @@ def _opacity(part: Part, content: Content) -> float:
     material, image = content.materials[part.material], content.map_of(part.material).opacity
     if any(material.emission) or not len(part.triangles):
         return 1.0
-    opacity = material.opacity if material.alpha_mode == "blend" else 1.0
-    if image is not None and material.alpha_mode == "blend":
-        uvs = part.uvs if part.opacity_uvs is None else part.opacity_uvs
-        corners = of_corners(part, part.positions)
-        with np.errstate(all="ignore"):
-            sides = corners[:, 1:] - corners[:, :1]
-            areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        areas = np.where(np.isfinite(areas), areas, 0.0)
-        if areas.sum() > 0:
-            opacity *= float(np.average(_means(part, image, uvs)[:, 0], weights=areas))
-    return opacity * (1.0 - material.transmission)
+    opacity = np.ones(len(part.triangles))
+    if material.alpha_mode == "blend":
+        opacity *= material.opacity
+        if image is not None:
+            uvs = part.uvs if part.opacity_uvs is None else part.opacity_uvs
+            opacity *= _means(part, image, uvs)[:, 0]
+        if part.alphas is not None:
+            opacity *= of_corners(part, part.alphas[:, None])[:, :, 0].mean(axis=1)
+    passing = np.full(len(opacity), material.transmission)
+    if glass := content.map_of(part.material).transmission:
+        uvs = part.uvs if part.transmission_uvs is None else part.transmission_uvs
+        passing *= _means(part, glass, uvs)[:, 0]
+    stopped = opacity * (1.0 - passing)
+    if np.ptp(stopped) == 0:
+        return float(stopped[0])
+    areas = _areas(part)
+    return float(np.average(stopped, weights=areas)) if areas.sum() > 0 else float(stopped.mean())
+
+
+def _areas(part: Part) -> Array:
+    """Twice the area (t,) of each triangle; 0 where it is not finite."""
+    corners = of_corners(part, part.positions)
+    with np.errstate(all="ignore"):
+        sides = corners[:, 1:] - corners[:, :1]
+        areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.where(np.isfinite(areas), areas, 0.0)
 
 
 def _glowing(part: Part, content: Content, table: Variants, glows: _Glows) -> Part:
@@ -151,6 +189,8 @@ def _glowing(part: Part, content: Content, table: Variants, glows: _Glows) -> Pa
         return part
     uvs = part.uvs if part.emission_uvs is None else part.emission_uvs
     is_plain = np.ptp(image.pixels.reshape(-1, 3), axis=0).max() == 0
+    if not has_coordinates(uvs) and not is_plain:
+        glows.bare.append(material.name)
     if uvs is None or not len(uvs) or is_plain:
         each = _means(part, image, None if is_plain else uvs)
     else:

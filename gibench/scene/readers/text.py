@@ -42,8 +42,9 @@ def _decoded(data: bytes, encoding: str) -> str | None:
 def statements(text: str) -> Iterator[tuple[int, str]]:
     """Line number and text of every statement; comments and empty lines are left out.
 
-    A backslash at the end of a line continues it, but not a comment. ``#`` begins a comment at the
-    start of a line; further on it may belong to a name, see ``without_comment``.
+    A backslash at the end of a line, or before its last blanks, continues it, but not a comment.
+    ``#`` begins a comment at the start of a line; further on it may belong to a name, see
+    ``without_comment``.
     """
     begun, first = "", 0
     for number, line in enumerate(text.split("\n"), 1):
@@ -51,8 +52,8 @@ def statements(text: str) -> Iterator[tuple[int, str]]:
         if not begun and line.lstrip().startswith("#"):
             first = 0
             continue
-        if line.endswith("\\"):
-            begun += line[:-1] + " "
+        if line.endswith(("\\", " ", "\t")) and (ended := line.rstrip()).endswith("\\"):
+            begun += ended[:-1] + " "
             continue
         whole = (begun + line).strip()
         if whole:

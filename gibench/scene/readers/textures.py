@@ -31,6 +31,8 @@ _PILLOW_ERRORS = (
     NotImplementedError, AttributeError, MemoryError, Image.DecompressionBombError,
 )  # fmt: skip
 _LINEAR_OF_BYTE = srgb_to_linear(np.arange(256) / 255.0)
+# Rec. 601, as Pillow turns colours to grey.
+_LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 # Pillow's modes of 16 bits a channel; it opens 16-bit PNGs as one of them, or as I.
 _SIXTEEN_BITS = ("I;16", "I;16L", "I;16B", "I;16N", "I")
 
@@ -81,6 +83,28 @@ def opacity_from_bytes(name: str, data: bytes) -> Texture:
     if alpha is not None:
         return alpha
     return Texture(name, _shrunk(_grey(_read(data, _encoded_grey))))
+
+
+def channel_from_bytes(name: str, data: bytes, channel: str) -> Texture:
+    """One channel of an image as it stands in three equal ones: ``r``, ``g``, ``b``, ``l`` for its
+    grey or ``m`` for its alpha (MTL's ``-imfchan``).
+
+    Raises:
+        UnreadableImage: it cannot be read, or has no such channel.
+    """
+    if channel == "m":
+        alpha = alpha_from_bytes(name, data)
+        if alpha is None:
+            raise UnreadableImage("has no alpha")
+        return alpha
+    codes = _codes(data).astype(np.float32)
+    if channel not in ("r", "g", "b", "l"):
+        raise UnreadableImage(f"has no channel '{channel}'")
+    if channel == "l":
+        grey = codes @ _LUMA if codes.shape[2] == 3 else codes[:, :, 0]
+    else:
+        grey = codes[:, :, min("rgb".index(channel), codes.shape[2] - 1)]
+    return Texture(name, _shrunk(_grey(grey)))
 
 
 def normals_from_bytes(name: str, data: bytes) -> Texture:
