@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gibench.commands import asked
-from gibench.device.selection import list_devices
+from gibench.device.selection import first_device, list_devices
 from gibench.errors import BadInput, CheckFailed, GibenchError
 from gibench.measure.compare import ab as checks
 from gibench.measure.compare.ab import AbOptions, AbResult
@@ -48,7 +48,7 @@ def ab(
     cache_dir: str | Path | None = None,
 ) -> Comparison:
     """Time one kernel tree against another, as ``gibench ab`` does; its help says what everything
-    is.
+    is. It runs on PoCL, or on the device that PYOPENCL_CTX names.
 
     Raises:
         BadInput: an input is wrong, or the baseline does not run.
@@ -58,7 +58,8 @@ def ab(
     started = datetime.now(UTC)
     limit = asked.percentage(threshold)
     cache = asked.cache_folder(cache_dir)
-    device = list_devices()[0]
+    device = first_device()
+    place = Place(str(cache), device=list_devices().index(device))
     checks.bake_once(job, cache)
     how = AbOptions(
         limit,
@@ -72,7 +73,7 @@ def ab(
         first, second = (kernel_tree(name, Path(folder)) for name in (old, new))
         try:
             with progress(f"{old} against {new}", replicates or how.most) as advance:
-                result = checks.check(job, Place(str(cache)), first, second, how, advance)
+                result = checks.check(job, place, first, second, how, advance)
         except SideFailed as error:
             if error.side == "OLD":
                 raise BadInput(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -62,7 +63,7 @@ def judge_cases(
 
     def judged(name: str) -> tuple[str, Judged]:
         command = [sys.executable, "-m", "gibench.conform.worker", str(device), str(seed), name]
-        found = name, _judged([*command, *root], limit_s)
+        found = name, _judged([*command, *root], limit_s, cases[name].sizes)
         advance(1)
         return found
 
@@ -73,7 +74,7 @@ def judge_cases(
         return dict(pool.map(judged, cases))
 
 
-def _judged(command: Sequence[str], limit_s: float) -> Judged:
+def _judged(command: Sequence[str], limit_s: float, sizes: Sequence[int]) -> Judged:
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=limit_s)
         out, end = ran.stdout, _end(ran)
@@ -81,8 +82,17 @@ def _judged(command: Sequence[str], limit_s: float) -> Judged:
         raw = error.stdout or b""
         out = raw.decode(errors="replace") if isinstance(raw, bytes) else raw
         end = f"no answer within {limit_s:g} s"
-    said = [json.loads(line[len(MARK) :]) for line in out.splitlines() if line.startswith(MARK)]
-    return _of_sizes(said, end)
+    return _of_sizes(_said(out), end, sizes)
+
+
+def _said(out: str) -> list[dict[str, Any]]:
+    """The worker's lines; one that a driver wrote into says nothing."""
+    found = []
+    for line in out.splitlines():
+        with contextlib.suppress(json.JSONDecodeError):
+            if line.startswith(MARK):
+                found.append(json.loads(line[len(MARK) :]))
+    return found
 
 
 def _end(ran: subprocess.CompletedProcess[str]) -> str:
@@ -95,7 +105,8 @@ def _end(ran: subprocess.CompletedProcess[str]) -> str:
     return f"the process ended with {ran.returncode}: {last[0]}"
 
 
-def _of_sizes(said: Sequence[Mapping[str, Any]], end: str) -> Judged:
+def _of_sizes(said: Sequence[Mapping[str, Any]], end: str, asked: Sequence[int]) -> Judged:
+    """What a case's sizes come down to; a size that nothing was said of is not right."""
     ran = [one for one in said if "off" in one]
     sizes = tuple(int(one["size"]) for one in ran)
     worst = max((float(one["off"]) for one in ran), default=0.0)
@@ -108,6 +119,9 @@ def _of_sizes(said: Sequence[Mapping[str, Any]], end: str) -> Judged:
         return Judged(CANNOT_RUN, sizes, worst, " ".join(broken.split())[:300], True)
     if end:
         return Judged(WRONG, sizes, worst, end, True)
+    answered = {int(one["size"]) for one in said}
+    if silent := ", ".join(str(size) for size in asked if size not in answered):
+        return Judged(WRONG, sizes, worst, f"no result at work-group size {silent}", True)
     cannot = next((str(one["cannot"]) for one in said if "cannot" in one), None)
     if cannot is not None and not ran:
         return Judged(CANNOT_RUN, sizes, worst, cannot)
@@ -115,6 +129,13 @@ def _of_sizes(said: Sequence[Mapping[str, Any]], end: str) -> Judged:
 
 
 _ORDER = {WRONG: 0, CANNOT_RUN: 1, RIGHT: 2}
+
+
+def _badness(one: Judged) -> tuple[int, bool, float]:
+    """The worst first: one that does not build hides behind none that the device is too small
+    for.
+    """
+    return _ORDER[one.status], not one.failed, -one.off
 
 
 def judge_kernels(
@@ -127,7 +148,7 @@ def judge_kernels(
         if not own:
             result[kernel] = Judged(NO_ORACLE)
             continue
-        worst = min(own, key=lambda name: (_ORDER[found[name].status], -found[name].off))
+        worst = min(own, key=lambda name: _badness(found[name]))
         one = found[worst]
         why = f"{worst}: {one.why}" if one.why else ""
         sizes = tuple(sorted({size for name in own for size in found[name].sizes}))

@@ -33,7 +33,8 @@ def main(device: int, seed: int, name: str, root: Path | None) -> None:
             said["cannot"] = str(error)
         except Exception as error:  # whatever a driver or its compiler may raise
             said["broken"] = f"{type(error).__name__}: {error}"
-        sys.stdout.write(MARK + json.dumps(said) + "\n")
+        # On a line of its own, even where a driver has left one unended.
+        sys.stdout.write("\n" + MARK + json.dumps(said) + "\n")
         sys.stdout.flush()
 
 

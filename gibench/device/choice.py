@@ -10,6 +10,7 @@ from typing import Any
 import pyopencl as cl
 
 from gibench.device.able import lacks
+from gibench.errors import CannotRun
 
 TRIAL_S = 30.0
 RIGHT = "gibench: right"
@@ -42,13 +43,25 @@ def default_device(devices: Sequence[Any], tried: Trial = trial) -> tuple[Any, s
     Args:
         devices: as :func:`gibench.device.list_devices` has them, PoCL's first.
         tried: what says of the device of a number why it cannot be used, or None.
+
+    Raises:
+        CannotRun: no GPU computes right, and there is neither PoCL nor a CPU to fall back on.
     """
-    refused = []
+    refused, others = [], []
     for number, device in enumerate(devices):
         if not device.type & cl.device_type.GPU:
+            if device.type & cl.device_type.CPU or "Portable" in device.platform.name:
+                others.append(device)
             continue
         problem = lacks(device) or tried(number)
         if problem is None:
             return device, "a GPU"
         refused.append(f"{device.name.strip()} is not used ({problem})")
-    return devices[0], "; ".join(refused) or "no GPU was found"
+    why = "; ".join(refused) or "no GPU was found"
+    if not others:
+        raise CannotRun(
+            f"no device to run on: {why}",
+            mend="install PoCL, which runs on any CPU (pip install 'pyopencl[pocl]'), or take one "
+            "all the same with --device N",
+        )
+    return others[0], why

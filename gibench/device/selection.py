@@ -65,12 +65,13 @@ def _name_once(cl_device: Any) -> None:
 
 def select_cl_device(index: int | None) -> Any:
     """The device number ``index`` of :func:`list_devices`; for None the one that pyopencl's
-    variable PYOPENCL_CTX names, else a GPU that computes right, else PoCL. Where there are several,
-    which one and why is logged (``gibench.device``, at level INFO).
+    variable PYOPENCL_CTX names, else a GPU that computes right, else PoCL or another CPU. Which one
+    and why is logged (``gibench.device``, at level INFO), unless it is one CPU alone.
 
     Raises:
         BadInput: there is no such number, or the variable names no device, or several.
-        CannotRun: nothing can run on it (:func:`gibench.device.able.lacks`).
+        CannotRun: nothing can run on it (:func:`gibench.device.able.lacks`), or there is none to
+            fall back on.
     """
     chosen = _selected(index)
     if problem := lacks(chosen):
@@ -83,7 +84,8 @@ def _selected(index: int | None) -> Any:
     asked = os.environ.get("PYOPENCL_CTX")
     if index is None:
         chosen, why = _default(tuple(devices)) if asked is None else (_by_variable(asked), "")
-        if len(devices) > 1:  # else there is nothing to choose, and every table names the device
+        # Of one CPU alone there is nothing to say: every table names it.
+        if len(devices) > 1 or not chosen.type & cl.device_type.CPU:
             _LOG.info(
                 "on %s (%s): %s; --device N takes another, 'gibench devices' lists them",
                 chosen.name.strip(),

@@ -141,7 +141,7 @@ def main() -> None:
     given = arguments()
     options = AbOptions()
     given.cache_dir.mkdir(parents=True, exist_ok=True)
-    place = Place(str(given.cache_dir))
+    place = Place(str(given.cache_dir), device=0)
     (job,) = grid(
         [load_profile("iphone7")],
         [find_technique(given.technique)],

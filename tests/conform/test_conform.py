@@ -19,8 +19,21 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
 from recording import all_kernels, record_kernels
 
 from gibench.cli.main import call
+from gibench.conform import worker
 from gibench.conform.cases import cases, kernels
-from gibench.conform.judge import CANNOT_RUN, NO_ORACLE, RIGHT, WRONG, judge_cases, judge_kernels
+from gibench.conform.judge import (
+    CANNOT_RUN,
+    NO_ORACLE,
+    RIGHT,
+    WRONG,
+    Judged,
+    _of_sizes,
+    _said,
+    judge_cases,
+    judge_kernels,
+)
+from gibench.conform.judge import _judged as _judged_command
+from gibench.conform.worker import MARK
 from gibench.device import list_devices
 from gibench.resources import data
 from gibench.techniques.parts.conformance.case import Bench, Case, off
@@ -92,7 +105,14 @@ ONE_A_FOLDER = {
     "rays/trace.cl:trace_occluded": NOTHING,
     "reference/path.cl:average": NOTHING,
     "srp/tuned_transport.cl:irradiance_transport": NOTHING,
+    "surfel_cache/dilation.cl:dilation": NOTHING,
 }
+
+
+def test_the_faults_are_of_each_folder_with_kernels() -> None:
+    assert {kernel.partition("/")[0] for kernel in ONE_A_FOLDER} == {
+        kernel.partition("/")[0] for kernel in all_kernels()
+    }
 
 
 def _judged(tree: Path, faulty: Iterable[str], limit_s: float = 60.0) -> dict[str, str]:
@@ -153,11 +173,53 @@ def test_the_command_tells_and_writes(
 
 
 def test_what_a_small_device_cannot_run_is_no_fault() -> None:
-    from gibench.conform.judge import _of_sizes
-
-    assert _of_sizes([{"size": 7, "cannot": "too small"}], "").status == CANNOT_RUN
-    assert not _of_sizes([{"size": 7, "cannot": "too small"}], "").failed
-    some = _of_sizes([{"size": 7, "off": 0.5}, {"size": 64, "cannot": "too small"}], "")
+    small = _of_sizes([{"size": 7, "cannot": "too small"}], "", [7])
+    assert (small.status, small.failed) == (CANNOT_RUN, False)
+    some = _of_sizes([{"size": 7, "off": 0.5}, {"size": 64, "cannot": "too small"}], "", [7, 64])
     assert (some.status, some.sizes) == (RIGHT, (7,))
-    assert _of_sizes([{"size": 7, "off": 0.5}], "the process was ended by SIGSEGV").failed
+    assert _of_sizes([{"size": 7, "off": 0.5}], "the process was ended by SIGSEGV", [7]).failed
     assert isinstance(next(iter(cases().values())), Case)
+
+
+def test_silence_is_not_right() -> None:
+    for said, why in (([], "7, 64"), ([{"size": 64, "off": 0.1}], "7")):
+        silent = _of_sizes(said, "", [7, 64])
+        assert (silent.status, silent.failed) == (WRONG, True)
+        assert silent.why == f"no result at work-group size {why}"
+    printed = "import sys; sys.stdout.write({!r})"
+
+    def judged(out: str) -> str:
+        return _judged_command([sys.executable, "-c", printed.format(out)], 20.0, [7]).status
+
+    assert judged("") == judged(f"driver: {MARK}" + '{"size": 7, "off": 0}') == WRONG
+    assert judged(f"{MARK}driver") == WRONG
+    assert judged(f'driver\n{MARK}{{"size": 7, "off": 0}}\n') == RIGHT
+
+
+def test_a_driver_that_ends_no_line_hides_no_result(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(bench: Bench, rng: np.random.Generator, size: int) -> list[float]:
+        sys.stdout.write("driver: ")
+        return [0.25]
+
+    monkeypatch.setattr(
+        "gibench.conform.cases.cases", lambda: {"made up": Case("made up", ("k",), check, (7,))}
+    )
+    worker.main(0, 1, "made up", None)
+    (said,) = _said(capfd.readouterr().out)
+    assert said == {"size": 7, "off": 0.25}
+
+
+def test_a_build_that_fails_does_not_hide_behind_a_device_too_small() -> None:
+    def check(bench: Bench, rng: np.random.Generator, size: int) -> list[float]:
+        return []
+
+    both = {name: Case(name, ("k",), check, (7,)) for name in ("small", "broken")}
+    found = {
+        "small": Judged(CANNOT_RUN, (), 0.0, "too small"),
+        "broken": Judged(CANNOT_RUN, (), 0.0, "does not build", failed=True),
+    }
+    for order in (["small", "broken"], ["broken", "small"]):
+        one = judge_kernels(["k"], {name: both[name] for name in order}, found)["k"]
+        assert (one.failed, one.why) == (True, "broken: does not build")

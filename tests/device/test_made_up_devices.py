@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyopencl as cl
 import pytest
 
@@ -18,10 +20,11 @@ from gibench.device.able import lacks
 from gibench.device.choice import default_device
 from gibench.device.selection import list_devices, select_cl_device
 from gibench.errors import CannotRun
+from gibench.measure.compare.lockstep import FRAME, PairTimes
 from gibench.profiles import load_profile
 from gibench.resources import data
 
-CPU, GPU = cl.device_type.CPU, cl.device_type.GPU
+CPU, GPU, OTHER = cl.device_type.CPU, cl.device_type.GPU, cl.device_type.ACCELERATOR
 PROFILING = cl.command_queue_properties.PROFILING_ENABLE
 OUT_OF_ORDER = cl.command_queue_properties.OUT_OF_ORDER_EXEC_MODE_ENABLE
 
@@ -84,16 +87,64 @@ POCL = MadePlatform("Portable Computing Language", (Made("cpu", CPU),))
         ([CPU, GPU], {1: None}, 1, "a GPU"),
         ([CPU, GPU], {1: "a small kernel's result is wrong"}, 0, "device 1 is not used (a small"),
         ([CPU, GPU, GPU], {1: "no answer within 30 s", 2: None}, 2, "a GPU"),
-        ([GPU], {0: "it burns"}, 0, "device 0 is not used (it burns)"),
+        ([GPU, CPU], {0: "it burns"}, 1, "device 0 is not used (it burns)"),
+        ([OTHER, CPU], {}, 1, "no GPU was found"),
     ],
 )
 def test_a_gpu_that_computes_right_is_the_default(
     kinds: list[int], problems: dict[int, str | None], chosen: int, why: str
 ) -> None:
-    devices = [Made(f"device {number}", kind) for number, kind in enumerate(kinds)]
+    inc = MadePlatform("Any Inc.")
+    devices = [Made(f"device {number}", kind, inc) for number, kind in enumerate(kinds)]
     found, said = default_device(devices, lambda number: problems[number])
     assert found is devices[chosen]
     assert said.startswith(why)
+
+
+def test_a_device_that_was_refused_is_never_the_default(
+    platforms: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "gibench.device")
+    only = MadePlatform("Graphics Inc.", (Made("gpu"), Made("other", OTHER)))
+    platforms(only, problems={"gpu": "wrong result"})
+    with pytest.raises(CannotRun, match=r"gpu is not used \(wrong result\)") as told:
+        select_cl_device(None)
+    assert "install PoCL" in str(told.value)
+    assert select_cl_device(0).name == "gpu"  # who asks for it gets it
+    assert not caplog.records
+    platforms(POCL)
+    assert select_cl_device(None).name == "cpu"
+    assert not caplog.records
+    platforms(only)
+    assert select_cl_device(None).name == "gpu"
+    assert "on gpu (Graphics Inc.): a GPU" in caplog.text
+    # PoCL's own devices serve whatever type they are of.
+    platforms(MadePlatform("Portable Computing Language", (Made("basic", OTHER),)))
+    assert select_cl_device(None).name == "basic"
+
+
+def test_ab_runs_where_it_says_whatever_else_there_is(
+    platforms: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pocl = list_devices()[0].platform
+    platforms(MadePlatform("Graphics Inc.", (Made("gpu"),)), pocl)
+    assert select_cl_device(None).name == "gpu"
+    ran = []
+
+    def pair(job: Any, old: Any, new: Any, *, frames: int, keep: Path, **others: Any) -> PairTimes:
+        ran.extend([old.device, new.device])
+        for side in ("OLD", "NEW"):
+            np.savez(keep / f"{side}.npz", light=np.ones(3))
+        return PairTimes({FRAME: np.ones(frames)}, {FRAME: np.ones(frames)})
+
+    monkeypatch.setattr("gibench.measure.compare.ab.time_pair", pair)
+    monkeypatch.setattr("gibench.measure.compare.ab.bake_once", lambda job, cache: None)
+    tree = str(data("kernels_cl"))
+    arguments = ("--technique", "direct", "--replicates", "1", "--json", "-")
+    assert call(["ab", tree, tree, *arguments]) == 0
+    told = json.loads(capsys.readouterr().out)["measured"]["device"]
+    assert ran and {list_devices()[number].platform for number in ran} == {pocl}
+    assert told.startswith(pocl.name.strip())
 
 
 def test_pocl_comes_first_of_several_platforms_and_a_line_says_what_runs(

@@ -30,7 +30,8 @@ class Place:
     Attributes:
         cache_dir: what is baked is found there.
         kernel_root: folder of the kernel tree; None for the installed one.
-        device: number of the OpenCL device; None for the first.
+        device: number of the OpenCL device; None for the default
+            (:func:`gibench.device.selection.select_cl_device`).
     """
 
     cache_dir: str

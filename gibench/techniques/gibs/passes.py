@@ -58,6 +58,7 @@ class FramePasses:
         rays: tells how many rays the frame traces.
         workgroup_size: work-items per group.
         far_distance: m, where distance speaks fully for recycling.
+        packets: whether the camera pass traces packets.
     """
 
     scene: FrameScene
@@ -69,6 +70,7 @@ class FramePasses:
     rays: Callable[[], int]
     workgroup_size: int
     far_distance: float
+    packets: bool
 
     @property
     def defines(self) -> Mapping[str, Any]:
@@ -198,7 +200,7 @@ class FramePasses:
 
     def camera(self) -> Pass:
         """Primary rays and direct light, and the surfaces that the surfels are placed on."""
-        return camera_pass(self.scene, self.view, self.view.direct)
+        return camera_pass(self.scene, self.view, self.view.direct, self.packets)
 
     def application(self) -> list[Launch]:
         """The surfels' light on every pixel, and their coverage of it."""

@@ -26,6 +26,7 @@ from gibench.techniques.gibs.surfels import (
 )
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.job import Job, Known, World
+from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.steady import Steady
 from gibench.techniques.parts.surfel_grid import (
@@ -109,6 +110,7 @@ class Gibs:
             lambda: self._rays,
             size,
             settings.recycle_distance * diagonal,
+            packets=not published and suits_packets(device),
         )
         self._receivers: tuple[Buffer, Buffer, Buffer] | None = None
 
