@@ -13,13 +13,21 @@ __all__ = [
     "ab",
     "advise",
     "bake_ahead",
+    "calibrate",
     "cluster",
     "compare",
+    "conform_device",
     "experiment",
+    "explain",
     "load_run",
+    "make_gallery",
     "make_report",
+    "merge_runs",
+    "project_run",
     "quality",
     "run",
+    "submit",
+    "validate_projection",
 ]
 
 # Warnings are shown where somebody asks for them: the command line does (gibench.cli.notices).
@@ -122,3 +130,83 @@ def bake_ahead(**options: Any) -> list[Any]:
         A :class:`gibench.commands.bake.Baked` each.
     """
     return list(import_module("gibench.commands.bake").bake_ahead(**options))
+
+
+def calibrate(profile: str, **options: Any) -> Any:
+    """Measure a profile's machine part on the device: all that ``gibench calibrate`` does
+    (:func:`gibench.commands.calibrate.calibrate`).
+
+    Returns:
+        A :class:`gibench.commands.calibrate.Calibration`.
+    """
+    return import_module("gibench.commands.calibrate").calibrate(profile, **options)
+
+
+def conform_device(**options: Any) -> Any:
+    """Compare every kernel with its oracle on a device: all that ``gibench conform`` does
+    (:func:`gibench.commands.conform.conform`).
+
+    Returns:
+        :class:`gibench.commands.conform.Conformance`: ``kernels``, ``record``, ``error``.
+    """
+    return import_module("gibench.commands.conform").conform(**options)
+
+
+def explain(**options: Any) -> Any:
+    """Trace launches and say what they do: all that ``gibench explain`` takes, by keyword
+    (:func:`gibench.commands.explain.explain`).
+
+    Returns:
+        A :class:`gibench.commands.explain.Explanation`.
+    """
+    return import_module("gibench.commands.explain").explain(**options)
+
+
+def make_gallery(submissions: Any, **options: Any) -> Any:
+    """Write the page of many submissions, as ``gibench gallery`` does
+    (:func:`gibench.commands.share.make_gallery`).
+
+    Returns:
+        The page's path.
+    """
+    return import_module("gibench.commands.share").make_gallery(submissions, **options)
+
+
+def merge_runs(runs: Any, out: str | Path) -> Any:
+    """Join shards into the folder ``out``, as ``gibench merge`` does
+    (:func:`gibench.commands.merge.merge`).
+
+    Returns:
+        A :class:`gibench.commands.merge.Merged`.
+    """
+    return import_module("gibench.commands.merge").merge(runs, out)
+
+
+def project_run(run: str | Path, device_profile: Any, **options: Any) -> Any:
+    """Project a stored run onto devices that are not here, as ``gibench project`` does
+    (:func:`gibench.commands.project.project`).
+
+    Returns:
+        :class:`gibench.commands.project.Projection`: ``table``, ``folder``.
+    """
+    return import_module("gibench.commands.project").project(run, device_profile, **options)
+
+
+def submit(run: str | Path, **options: Any) -> Any:
+    """Pack a run into one file, and send nothing, as ``gibench submit`` does
+    (:func:`gibench.commands.share.submit`).
+
+    Returns:
+        The file's path.
+    """
+    return import_module("gibench.commands.share").submit(run, **options)
+
+
+def validate_projection(**options: Any) -> Any:
+    """Score frozen predictions, as ``gibench validate-projection`` does
+    (:func:`gibench.commands.validate_projection.validate_projection`).
+
+    Returns:
+        A :class:`gibench.commands.validate_projection.Validation`.
+    """
+    return import_module("gibench.commands.validate_projection").validate_projection(**options)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.device.selection import first_device, list_devices
 from gibench.errors import BadInput, CheckFailed, GibenchError
 from gibench.measure.compare import ab as checks
@@ -24,6 +25,7 @@ from gibench.report.comparison import Comparison, Row
 from gibench.techniques.job import Job
 
 
+@within_bounds
 def ab(
     old: str,
     new: str = ".",

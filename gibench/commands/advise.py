@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted
 from gibench.measure.plan.grid import check_settings_names
@@ -65,6 +66,7 @@ class AdviceResult:
     projected: pd.DataFrame | None = field(default=None, repr=False)
 
 
+@within_bounds
 def advise(
     device_profile: str = "iphone7",
     budget_ms: float | None = None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -83,7 +83,9 @@ def several(value: Any) -> tuple[Any, ...]:
     """One value, several or none as a tuple."""
     if value is None:
         return ()
-    return (value,) if isinstance(value, str | int | float | Path) else tuple(value)
+    if isinstance(value, str | Path) or not isinstance(value, Iterable):
+        return (value,)
+    return tuple(value)
 
 
 def by_option(sh_order: Numbers, probes: Numbers) -> dict[str, tuple[int, ...]]:

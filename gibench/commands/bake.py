@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.measure.plan.grid import check_options, check_settings_names, settings_grid
 from gibench.measure.session.shared import Shared
 from gibench.work import Executor
@@ -33,6 +34,7 @@ class Baked:
     seconds: float
 
 
+@within_bounds
 def bake_ahead(
     scene: asked.Texts = ("cornell-box",),
     technique: asked.Texts = ("srp",),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.errors import BadInput, CheckFailed, GibenchError
 from gibench.measure.compare.recorded import (
     DRAWS,
@@ -21,6 +22,7 @@ from gibench.measure.compare.timings import read_timings
 from gibench.report.comparison import Comparison, Row
 
 
+@within_bounds
 def compare(
     base: str | Path,
     new: str | Path,

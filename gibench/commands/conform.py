@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from gibench.commands.bounds import within_bounds
 from gibench.conform.cases import cases, kernels
 from gibench.conform.judge import NO_ORACLE, judge_cases, judge_kernels
 from gibench.device import list_devices
@@ -32,6 +33,7 @@ class Conformance:
     error: GibenchError | None
 
 
+@within_bounds
 def conform(
     device: int | None = None,
     seed: int = 0,

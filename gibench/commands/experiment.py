@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput
 from gibench.measure.plan.shard import Shard
@@ -39,6 +40,7 @@ class ExperimentResult:
     table: pd.DataFrame = field(repr=False)
 
 
+@within_bounds
 def experiment(
     name: str,
     quick: bool = False,

@@ -15,6 +15,7 @@ from gibench.commands.run_files import write_tables
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError
 from gibench.measure.plan.grid import job_label
+from gibench.measure.runfolder.axes import plain_settings
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder
 from gibench.measure.runfolder.results import OK
 from gibench.measure.runfolder.stored_run import read_record
@@ -25,7 +26,7 @@ from gibench.project.model import Times, launch_times
 from gibench.project.ranges import UNKNOWN, Total, range_of, ratio, together
 from gibench.report.projected import COLUMNS, PROJECTED, RANKED, WHOLE_FRAME, WHOLE_GI
 from gibench.report.tables import csv_text
-from gibench.techniques.job import Job
+from gibench.techniques.job import AUTO, Job
 from gibench.techniques.technique import GI
 from gibench.trace.extra import require_extra
 from gibench.trace.kept_streams import streams_of
@@ -77,8 +78,8 @@ def project(
     profiles = machine_profiles(asked.several(device_profile))
     path = Path(run)
     record = read_record(path)
-    jobs = jobs_of_record(record, path)
     shared = Shared(asked.cache_folder(cache_dir), int(record["seed"]))
+    jobs = jobs_of_record(record, path, shared)
     table = project_jobs(jobs, record, profiles, shared, select_cl_device(None), tell)
     folder = RunFolder(path)
     folder.write_text(PROJECTED, csv_text(table))
@@ -104,8 +105,10 @@ def machine_profiles(names: Sequence[str]) -> list[DeviceProfile]:
     return profiles
 
 
-def jobs_of_record(record: Mapping[str, Any], path: Path) -> list[Job]:
-    """The jobs of a stored run, made anew from what it was asked.
+def jobs_of_record(record: Mapping[str, Any], path: Path, shared: Shared) -> dict[int, Job]:
+    """The jobs that ran of a stored run, by number of the configuration, made anew from what it was
+    asked. Of that, a shard ran a part, and a technique that nobody named may be left out of some
+    scene.
 
     Raises:
         BadInput: its inputs are not here.
@@ -113,11 +116,44 @@ def jobs_of_record(record: Mapping[str, Any], path: Path) -> list[Job]:
     given = record["arguments"]
     if given.get("motion", "rest") not in ("rest", "scene"):
         raise BadInput("objects moved as a file said that is not part of the run", where=path)
-    return asked.jobs_of({**given, "seed": int(record["seed"])})
+    all_asked = asked.jobs_of({**given, "seed": int(record["seed"])})
+    found = {}
+    for entry in record["configurations"]:
+        if entry["status"] != OK:
+            continue
+        job = next((job for job in all_asked if _ran_as(job, entry, shared)), None)
+        if job is None:
+            raise BadInput(
+                f"configuration {entry['configuration']} cannot be made again from what was asked",
+                where=path,
+                mend="run it anew with --project",
+            )
+        # Of another runtime's record: the layout that ran there, not the one preferred here.
+        found[int(entry["configuration"])] = replace(job, layout=entry.get("layout") or job.layout)
+    return found
+
+
+def _ran_as(job: Job, entry: Mapping[str, Any], shared: Shared) -> bool:
+    """Whether the configuration ``entry`` of a record is ``job``."""
+    named = (job.technique, job.variant, job.profile.name)
+    if named != (entry["technique"], entry["variant"], entry["profile"]):
+        return False
+    if job.layout not in (None, entry.get("layout")):
+        return False
+    if (job.workgroup_size == AUTO) != bool(entry.get("auto_workgroup")):
+        return False
+    if job.workgroup_size not in (AUTO, entry["workgroup_size"]):
+        return False
+    settings = plain_settings(job.settings)
+    if entry.get("settings", settings) != settings:
+        return False
+    scene = shared.scene(job.scene)
+    receivers = entry.get("receivers_asked")
+    return scene.name == entry["scene"] and receivers in (None, job.receivers or scene.receivers)
 
 
 def project_jobs(
-    jobs: Sequence[Job],
+    jobs: Mapping[int, Job],
     record: Mapping[str, Any],
     profiles: Sequence[DeviceProfile],
     shared: Shared,
@@ -127,39 +163,45 @@ def project_jobs(
     """The rows of ``projected.csv``, for the configurations that ran.
 
     Args:
-        jobs: of the run, in its order.
-        record: the content of its ``run.json``.
+        jobs: of the run, by number of the configuration; those that ran.
+        record: the content of its ``run.json``. With ``--fit`` receivers are lowered as they were.
         profiles: devices to project onto, each with a machine part.
         shared: what is loaded and baked.
         cl_device: executes the frames.
         tell: is told how far it is.
     """
     rows: list[Row] = []
-    for entry, job in zip(record["configurations"], jobs, strict=True):
+    fit = bool(record["arguments"].get("fit"))
+    for entry in record["configurations"]:
         if entry["status"] != OK:
             continue
-        # On another runtime's record: the layout that ran there, not the one preferred here.
-        job = replace(job, layout=entry.get("layout") or job.layout)
+        job = jobs[entry["configuration"]]
         tell(f"tracing {job_label(job, entry['scene'])}")
         head = {name: entry[name] for name in ("configuration", "technique", "variant", "scene")}
         head["layout"] = entry.get("layout")
         head["profile"] = job.profile.name
-        for profile, found, stages in project_job(job, profiles, shared, cl_device):
+        for profile, found, stages in project_job(job, profiles, shared, cl_device, fit):
             rows += _rows(head | {"device": profile.name}, found, stages, profile)
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
 def project_job(
-    job: Job, profiles: Sequence[DeviceProfile], shared: Shared, cl_device: Any
+    job: Job,
+    profiles: Sequence[DeviceProfile],
+    shared: Shared,
+    cl_device: Any,
+    fit: bool = False,
 ) -> list[tuple[DeviceProfile, Projected, Mapping[str, str]]]:
-    """A job's frame on every profile, with the stages of its passes."""
+    """A job's frame on every profile, with the stages of its passes; with ``fit`` at as many
+    receivers as fit the job's own profile.
+    """
     widths = sorted({min(profile.simd_width, 64) for profile in profiles})
     cache = shared.cache_dir / "traces"
 
     def look(request: TraceRequest) -> dict[int, WaveStreams]:
         return streams_of(request, widths, cache, _SAMPLING)
 
-    with Session.open(job, shared, cl_device) as session:
+    with Session.open(job, shared, cl_device, fit=fit) as session:
         session.prepare()
         frame = warmed_up(session)
         launches = trace_frame(session, frame, look, begun=frame)

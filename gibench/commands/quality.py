@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CheckFailed, GibenchError, Interrupted, printable
 from gibench.measure.machine.environment import cpu_name
@@ -77,6 +78,7 @@ _ALSO_RECORDED = (
 )
 
 
+@within_bounds
 def quality(
     device_profile: asked.Texts = ("iphone7",),
     scene: asked.Texts = ("cornell-box",),

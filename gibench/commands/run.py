@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.commands import asked
+from gibench.commands.bounds import within_bounds
 from gibench.commands.run_files import tables_of, write_tables
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError, Interrupted, printable
@@ -77,6 +78,7 @@ class RunResult:
     left_out: tuple[str, ...] = ()
 
 
+@within_bounds
 def run(
     device_profile: asked.Texts = ("iphone7",),
     scene: asked.Texts = ("cornell-box",),
@@ -178,7 +180,7 @@ def run(
     result = _result(folder.path, measured, left_out, interrupted)
     if not projected_on or not result.ran or measured.outcome.interrupted:
         return result
-    table = _project(folder, jobs, measured, projected_on, shared, cl_device)
+    table = _project(folder, measured, projected_on, shared, cl_device)
     return replace(result, projected=table)
 
 
@@ -193,7 +195,6 @@ def _projected_on(names: Sequence[str]) -> list[DeviceProfile]:
 
 def _project(
     folder: RunFolder,
-    jobs: Sequence[Job],
     measured: Measured,
     profiles: Sequence[DeviceProfile],
     shared: Shared,
@@ -202,6 +203,7 @@ def _project(
     """Project what ran, and add it to the folder and its report."""
     from gibench.commands.project import project_jobs
 
+    jobs = {one.number: one.job for one in measured.outcome.results}
     table = project_jobs(jobs, measured.record, profiles, shared, cl_device)
     folder.write_text(PROJECTED, csv_text(table))
     write_tables(folder, measured.record)

@@ -159,7 +159,15 @@ def profile_text(name_or_path: str) -> str:
         raise BadInput(f"cannot be read as text ({error})", where=path) from error
 
 
-_MACHINE = re.compile(r"\n\[machine\]\n.*?(?=^\[(?!machine)|\Z)", re.MULTILINE | re.DOTALL)
+_MACHINE = re.compile(
+    r"\n\[[ \t]*machine[ \t]*\][ \t]*(?:#[^\n]*)?\n.*?(?=^\[(?![ \t]*machine\b)|\Z)",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+def _without_machine(text: str) -> str:
+    """What the limits are told by: neither the machine part nor how lines end is in it."""
+    return _MACHINE.sub("", text.replace("\r\n", "\n"))
 
 
 def parse_profile(text: str, *, where: str) -> DeviceProfile:
@@ -229,7 +237,7 @@ def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[B
         name=table["name"],
         title=table["title"],
         figures=figures,
-        content_hash=hashlib.sha256(_MACHINE.sub("", text).encode()).hexdigest(),
+        content_hash=hashlib.sha256(_without_machine(text).encode()).hexdigest(),
         machine=machine,
         machine_hash=hashlib.sha256(text.encode()).hexdigest(),
         **values,  # type: ignore[arg-type]
@@ -240,6 +248,17 @@ def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[B
                 "max_buffer_bytes is larger than memory_budget_bytes",
                 where=where,
                 mend="lower the one or raise the other",
+            )
+        )
+    # A group may have what several units share, but no more than the machine has.
+    local = profile.local_memory_bytes
+    if machine is not None and (machine.local_bytes.high + 1) * machine.units.high < local:
+        faults.append(
+            BadInput(
+                f"machine.local_bytes: all units have less than the {local:,} bytes of "
+                "local_memory_bytes, which one work-group may use",
+                where=where,
+                mend="raise the one or lower the other",
             )
         )
     if problem := profile.workgroup_size_problem(profile.default_workgroup_size):

@@ -97,11 +97,12 @@ def worst_line(frame: pd.Series) -> str:
     """The worst frames, in words; empty where they were not judged."""
     if pd.isna(frame.get("pace")):
         return ""
+    alone = frame.get("machine_stutter")
+    machine = "" if pd.isna(alone) else f"; the machine alone {number(alone, 1)} times"
     return (
         f"worst: {100 * frame['within_budget']:.1f} % of frames within {REAL_TIME_MS} ms "
         f"({frame['budget']}), longest {frame['longest_ms']:.1f} ms, {frame['stutter']:.1f} times "
-        f"its neighbour at most ({frame['pace']}; the machine alone "
-        f"{number(frame['machine_stutter'], 1)} times)"
+        f"its neighbour at most ({frame['pace']}{machine})"
     )
 
 

@@ -110,6 +110,10 @@ def no_check(scene: Scene, settings: Any) -> None:
     """For a technique whose settings suit every scene."""
 
 
+def no_moving_check(settings: Any) -> None:
+    """For a technique that follows objects that move however it is set, or not at all."""
+
+
 def no_remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """For a technique that suits every scene."""
     return []
@@ -152,6 +156,7 @@ class TechniqueSpec:
         knobs: for a scene, what trades its cost for quality: the first is searched for a cost or an
             error, at each combination of the others' few values.
         check: refuses settings that do not suit a scene (BadInput) before any long work.
+        check_moving: likewise settings that do not suit objects that move.
         remarks: why the technique will not come within 10 % of the scene's mean indirect light,
             told before a run: by tests of geometry, lights and settings, a sentence without a full
             stop each, with the setting that would help and what it costs.
@@ -186,6 +191,7 @@ class TechniqueSpec:
     sweep: Callable[[Scene], Mapping[str, tuple[Any, ...]]] = no_sweep
     knobs: Callable[[Scene], Sequence[Knob]] = no_knobs
     check: Callable[[Scene, Any], None] = no_check
+    check_moving: Callable[[Any], None] = no_moving_check
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
     flaws: Callable[[Job, Scene, Camera], list[str]] = no_flaws
     shades_normal_maps: Callable[[Any], bool] = no_normal_maps
@@ -234,7 +240,7 @@ class TechniqueSpec:
         if unknown := sorted(set(values) - known):
             raise BadInput(
                 f"technique {self.name} has no setting '{unknown[0]}'",
-                mend=f"it has {', '.join(sorted(known))}",
+                mend=f"it has {', '.join(sorted(known)) or 'none'}",
             )
         return self.settings_type(**values)
 

@@ -252,3 +252,22 @@ def test_bakes_and_checks_from_python(tmp_path: Path) -> None:
     assert checked.error is None
     assert "Old and new are the same kernels." in checked.remarks
     assert checked.markdown.startswith("### gibench ab: direct (tuned) on cornell-box, 32 x 24")
+
+
+def test_the_other_commands_are_there_too(tmp_path: Path) -> None:
+    """Each comes as far as its first look at what it is given."""
+    nowhere = tmp_path / "nowhere"
+    for called, told in (
+        (lambda: gibench.calibrate("nosuch"), "no device profile called 'nosuch'"),
+        (lambda: gibench.conform_device(kernel_tree=nowhere), "no such folder"),
+        (lambda: gibench.explain(technique="nosuch"), "no technique called 'nosuch'"),
+        (lambda: gibench.make_gallery([nowhere], out=tmp_path / "page.html"), "nowhere"),
+        (lambda: gibench.merge_runs([nowhere], tmp_path / "out"), "nowhere"),
+        (lambda: gibench.project_run(nowhere, "vega56"), "nowhere"),
+        (lambda: gibench.submit(nowhere), "nowhere"),
+        (lambda: gibench.validate_projection(predictions=nowhere), "nowhere"),
+    ):
+        with pytest.raises(BadInput, match=re.escape(told)):
+            called()
+    for name in gibench.__all__:  # no folder of the package takes a function's place
+        assert name == "__version__" or inspect.isfunction(getattr(gibench, name)), name

@@ -144,3 +144,8 @@ def test_layouts_are_those_of_tuned() -> None:
     assert [job.layout for job in left] == [None, "wide"]  # PoCL prefers vectors
     with pytest.raises(BadInput, match="no layout called 'narrow'"):
         grid([IPHONE], [spec], layouts=("narrow",))
+
+
+def test_a_technique_without_settings_is_said_to_have_none() -> None:
+    with pytest.raises(BadInput, match="technique direct has no setting 'x'; it has none"):
+        find_technique("direct").settings({"x": 1})

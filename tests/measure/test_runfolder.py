@@ -97,3 +97,11 @@ def test_a_run_from_before_there_were_layouts_reads_as_one_that_was_wide(tmp_pat
     assert labels[0] == labels[1]
     simt = {**now.record["configurations"][0], "layout": "simt"}
     assert configuration_label(simt, now.record) != labels[0]
+
+
+def test_a_folder_by_default_lies_in_results_whatever_a_profile_is_called() -> None:
+    for name in ("a/../../esc", "..", "a b\n", "/etc", "telefon-7+x.y_z"):
+        folder = default_folder([name, "iphone7"])
+        assert folder.parent == Path("results/runs") and "\n" not in folder.name
+        assert folder.resolve().parent == Path("results/runs").resolve()
+    assert default_folder(["a.b", "c_d"]).name.endswith("Z-a.b+c_d")

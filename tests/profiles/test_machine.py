@@ -51,6 +51,7 @@ def test_every_built_in_machine_is_in_order_and_near_its_limits(name: str) -> No
         (L1, "l1_bytes = { value = 16384 }", "no source"),
         (L1, L1 + '\nl1_size = { value = 1, source = "x" }', "machine.l1_size"),
         ("waves = { value = 40,", "waves = { value = 40.5,", "must be whole"),
+        ("local_bytes = { value = 65536,", "local_bytes = { value = 16,", "less than the 32,768"),
         ("sector_bytes = { value = 64,", "sector_bytes = { value = 48,", "32, 64, 128"),
         ("sector_bytes = { value = 64,", "sector_bytes = { value = 256,", "made of sectors"),
         ("nominal = 0.78, high = 0.88", "nominal = 0.78, high = 1.2", "at most 1"),
@@ -105,3 +106,17 @@ def test_a_known_figure_is_an_interval_of_one_number(rng: np.random.Generator) -
     )
     assert profile.machine.l1_bytes.spread == 1 and not profile.machine.l1_bytes.estimated
     assert load_profile("iphone7").machine.l1_bytes.estimated  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    "changed",
+    (
+        VEGA.replace("[machine]", "[machine] # of the die"),
+        VEGA.replace("[machine]", "[ machine ]\t"),
+        VEGA.replace("\n", "\r\n"),
+    ),
+)
+def test_however_the_machine_part_is_written_the_limits_are_the_same(changed: str) -> None:
+    profile, faults = read_profile(changed, where="mine.toml")
+    assert profile is not None and not faults and profile.machine is not None
+    assert profile.content_hash == load_profile("vega56").content_hash

@@ -17,6 +17,7 @@ from gibench.measure.statistics.summary import Roofs
 from gibench.report.images import ImageWriter, exposure_of, file_name, png, tone_map
 from gibench.report.markdown import report
 from gibench.report.tables import csv_text, frames_table, passes_table, run_roofs
+from gibench.report.terminal import worst_line
 from gibench.techniques.registry import declared_counts
 
 START = Roofs(20.0, 15.0, 200.0, 2.0, 10.0)
@@ -279,3 +280,11 @@ def test_gi_is_blank_in_runs_from_before_passes_had_stages() -> None:
     assert "| one |  | " in report(
         passes_table(stored, record(old)), frames_table(stored, record(old)), record(old)
     )
+
+
+def test_the_worst_line_has_the_machines_own_only_where_it_is_known() -> None:
+    frame = {"pace": "bursts", "within_budget": 0.5, "budget": "misses", "longest_ms": 40.0}
+    frame |= {"stutter": 2.0, "machine_stutter": float("nan")}
+    assert worst_line(pd.Series(frame)).endswith("2.0 times its neighbour at most (bursts)")
+    told = worst_line(pd.Series(frame | {"machine_stutter": 1.3}))
+    assert told.endswith("at most (bursts; the machine alone 1.3 times)")

@@ -127,6 +127,14 @@ def test_it_computes_what_numpy_does(tree: Path, tmp_path: Path) -> None:
     )
 
 
+def test_its_kernels_have_oracles_that_they_pass(tree: Path) -> None:
+    tests = "tests/conform/test_conform.py"
+    name = f"{tests}::test_a_case_runs_the_kernels_that_it_names[The example's openness]"
+    every = f"{tests}::test_every_kernel_has_an_oracle"
+    told = run(tree, "-m", "pytest", "-q", "-p", "no:cacheprovider", name, every)
+    assert "2 passed" in told
+
+
 @pytest.mark.skipif(importlib.util.find_spec("importlinter") is None, reason="no import-linter")
 def test_the_import_contracts_hold_without_a_line_for_it(tree: Path) -> None:
     code = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports())"

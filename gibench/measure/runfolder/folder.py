@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -109,7 +110,8 @@ def sample_columns(axes: Sequence[str], counts: Sequence[str]) -> tuple[str, ...
 def default_folder(profiles: Sequence[str], kind: str = "runs") -> Path:
     """``results/<kind>/<UTC time>-<profile>`` beneath the working folder; never one that exists."""
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    base = Path("results") / kind / f"{stamp}-{'+'.join(profiles)}"
+    named = re.sub(r"[^\w.+-]+", "_", "+".join(profiles))  # a user's profile has any name
+    base = Path("results") / kind / f"{stamp}-{named}"
     path, turn = base, 2
     while path.exists():
         path, turn = base.with_name(f"{base.name}-{turn}"), turn + 1

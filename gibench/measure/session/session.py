@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Doubles
 from gibench.device import Device
-from gibench.errors import CannotRun, GibenchError
+from gibench.errors import BadInput, CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
 from gibench.measure.plan.fit import FEWEST_RECEIVERS, Footprint, demand_of, has_receivers
 from gibench.measure.plan.grid import job_label
@@ -101,6 +101,11 @@ class Session:
         moves = motion is not None and motion.moves
         if moves and Follows.DIRECT_LIGHT not in spec.follows:
             raise _stands_still(spec)
+        if moves:
+            try:
+                spec.check_moving(job.settings)
+            except BadInput as error:  # of several configurations the others run
+                raise CannotRun(error.what, where=error.where, mend=error.mend) from error
         remarks = [
             *spec.remarks(job, scene, camera),
             *spec.flaws(job, scene, camera),
@@ -250,13 +255,15 @@ def check_job(job: Job, shared: Shared) -> Scene:
 
     Raises:
         BadInput: its scene, camera, camera path or motion is wrong, or the settings do not suit the
-            scene.
+            scene or objects that move.
     """
     scene = shared.scene(job.scene)
     choose_camera(scene, job.shot.camera)
     job.shot.flight.check()
-    job.shot.motion.of(scene)
-    find_technique(job.technique).check(scene, job.settings)
+    motion, spec = job.shot.motion.of(scene), find_technique(job.technique)
+    spec.check(scene, job.settings)
+    if motion is not None and motion.moves:
+        spec.check_moving(job.settings)
     return scene
 
 

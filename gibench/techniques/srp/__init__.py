@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from gibench.bake.stage import Stage
 from gibench.device import SIMT, BufferSpec
+from gibench.errors import BadInput
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.job import Known
@@ -139,6 +140,19 @@ def _knobs(scene: Scene) -> tuple[Knob, ...]:
     )
 
 
+def _check_moving(settings: SrpSettings) -> None:
+    if settings.normal_maps or settings.gloss:
+        raise BadInput(
+            "srp.normal_maps and srp.gloss shade scenes in which nothing moves",
+            mend="leave them out, or leave out --motion",
+        )
+    if settings.sky == "receivers":
+        raise BadInput(
+            "srp.sky=receivers knows nothing of what moves before the sky",
+            mend="use --set srp.sky=probes, or leave out --motion",
+        )
+
+
 def _shades_normal_maps(settings: SrpSettings) -> bool:
     return settings.normal_maps
 
@@ -152,6 +166,7 @@ SPEC = TechniqueSpec(
     create=Srp,
     buffers=_buffers,
     follows=frozenset({Follows.DIRECT_LIGHT, Follows.INDIRECT_LIGHT}),
+    check_moving=_check_moving,
     bakes_what_rests=True,
     sweep=_sweep,
     knobs=_knobs,

@@ -10,7 +10,6 @@ import numpy as np
 
 from gibench.arrays import Floats
 from gibench.device import SIMT, Device
-from gibench.errors import CannotRun
 from gibench.scene.lightmap import some_receivers
 from gibench.techniques.job import Job, World
 from gibench.techniques.parts.camera_pass import suits_packets
@@ -80,16 +79,6 @@ class Srp:
         self.scene = FrameScene.of(device, job.shot, world)
         motion = world.motion if world.motion is not None and world.motion.moves else None
         self._moving = None if motion is None else motion.triangles
-        if motion is not None and (settings.normal_maps or settings.gloss):
-            raise CannotRun(
-                "srp.normal_maps and srp.gloss shade scenes in which nothing moves",
-                mend="leave them out, or --motion",
-            )
-        if motion is not None and bake.probes.sky:
-            raise CannotRun(
-                "sky=receivers knows nothing of what moves before the sky",
-                mend="use --set srp.sky=probes, or leave out --motion",
-            )
         lightmap = world.lightmap
         if self._moving is not None:
             lightmap = resting_lightmap(lightmap, self._moving)

@@ -7,7 +7,7 @@ of four bands; fewer bands and the projection at run time are taken from them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -336,8 +336,3 @@ def _write_links(links: Links) -> Arrays:
 
 def _read_links(unit: Unit, stored: Arrays) -> Links:
     return Links(stored["node"], stored["coefficients"], int(stored["rays"]))
-
-
-def without_links(bake: SurfelBake) -> SurfelBake:
-    """The bake without its links, where only what it is made of is looked at."""
-    return replace(bake, links=Links(bake.links.node[:0], bake.links.coefficients[:0]))
