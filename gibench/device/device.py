@@ -17,6 +17,8 @@ from gibench.device.build import (
     Define,
     Layout,
     build_program,
+    is_processor,
+    lanes_together,
     macro_options,
     preferred_layout,
     width_of,
@@ -99,6 +101,16 @@ class Device:
     def layout(self) -> Layout:
         """The layout of kernels that are tuned."""
         return self._layout or preferred_layout(self.cl_device)
+
+    @property
+    def lanes_together(self) -> int:
+        """Work-items that are computed in whole vectors only (:func:`lanes_together`)."""
+        return lanes_together(self.cl_device)
+
+    @property
+    def is_processor(self) -> bool:
+        """Whether it is the host's own kind of processor."""
+        return is_processor(self.cl_device)
 
     # -- buffers -----------------------------------------------------------------------------
 

@@ -4,7 +4,8 @@
 // what lies side by side. The products are made by groups of any size for LANES probes by TEXELS
 // texels: one texel after the other, whose list all work-items read, while neighbours are neighbouring
 // probes, whose rays lie beside each other. Once they have their sums they change places in local
-// memory, so that neighbours then are neighbouring texels of one map. Macros: LANES, TEXELS.
+// memory, so that neighbours then are neighbouring texels of one map. Macros: LANES, TEXELS, TEAM (the
+// work-group's size in the products).
 #include "ddgi/rays.cl"
 #include "ddgi/texel.cl"
 
@@ -86,11 +87,6 @@ inline bool writes_for(__global const float4 *probe_data, int texels, int k, int
 #define group_probe(texels) ((int)get_group_id(0) / (((texels) + TEXELS - 1) / TEXELS) * LANES)
 #define group_texel(texels) ((int)get_group_id(0) % (((texels) + TEXELS - 1) / TEXELS) * TEXELS)
 
-inline bool is_active(__global const float4 *probe_data, int probe)
-{
-    return probe < PROBES && (probe_state(probe_data, probe) & PROBE_ACTIVE);
-}
-
 #define PLANE (TEXELS * SUM_ROW)
 
 // blend_irradiance: one work-group per LANES probes and TEXELS texels.
@@ -102,8 +98,9 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                                __global float *variability, __global int *accepted,
                                __local float *sums)
 {
-    // Not ints: see srp/simt_projection.cl.
-    const size_t item = get_local_id(0), size = get_local_size(0);
+    // Not ints: see srp/simt_projection.cl. Probes that are not active are summed and not written: what
+    // is computed under a mask keeps such compilers from loading vectors.
+    const size_t item = get_local_id(0);
     const int first = group_probe(IRRADIANCE_TEXELS), begin = group_texel(IRRADIANCE_TEXELS);
     const int end = min(begin + TEXELS, IRRADIANCE_TEXELS);
     __global const float *planes = rays + (size_t)first * (BLENDED * RAY_PLANES);
@@ -112,10 +109,12 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
         __global const float *own_weights = list_weights + texel * LIST_LENGTH;
         const int length = lengths[texel];
         __local float *own_sums = sums + (texel - begin) * SUM_ROW;
-        for (size_t turn = 0; turn < LANES; turn += size) {
+        for (size_t turn = 0; turn < LANES; turn += TEAM) {
             const size_t lane = turn + item;
-            if (lane >= LANES || !is_active(probe_data, first + (int)lane))
+#if LANES % TEAM
+            if (lane >= LANES)
                 continue;
+#endif
             float red = 0.0f, green = 0.0f, blue = 0.0f, weights = 0.0f;
             float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f, weights1 = 0.0f;
             for (int i = 0; i < length; i += 2) {
@@ -138,7 +137,7 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
         }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int k = (int)item; k < GROUP_SUMS; k += (int)size) {
+    for (int k = (int)item; k < GROUP_SUMS; k += TEAM) {
         int probe, texel, at;
         bool fresh;
         if (writes_for(probe_data, IRRADIANCE_TEXELS, k, &probe, &texel, &at, &fresh))
@@ -157,7 +156,7 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                              __global map_t *distance_maps, __local float *sums)
 {
     // Not ints: see srp/simt_projection.cl.
-    const size_t item = get_local_id(0), size = get_local_size(0);
+    const size_t item = get_local_id(0);
     const int first = group_probe(DISTANCE_TEXELS), begin = group_texel(DISTANCE_TEXELS);
     const int end = min(begin + TEXELS, DISTANCE_TEXELS);
     __global const float *planes = rays + (size_t)first * (BLENDED * RAY_PLANES) + 4 * LANES;
@@ -166,10 +165,12 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
         __global const float *own_weights = list_weights + texel * LIST_LENGTH;
         const int length = lengths[texel];
         __local float *own_sums = sums + (texel - begin) * SUM_ROW;
-        for (size_t turn = 0; turn < LANES; turn += size) {
+        for (size_t turn = 0; turn < LANES; turn += TEAM) {
             const size_t lane = turn + item;
-            if (lane >= LANES || !is_active(probe_data, first + (int)lane))
+#if LANES % TEAM
+            if (lane >= LANES)
                 continue;
+#endif
             float mean[LIST_STEP], square[LIST_STEP], weights = 0.0f;
 #pragma unroll
             for (int k = 0; k < LIST_STEP; ++k)
@@ -190,7 +191,7 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
         }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-    for (int k = (int)item; k < GROUP_SUMS; k += (int)size) {
+    for (int k = (int)item; k < GROUP_SUMS; k += TEAM) {
         int probe, texel, at;
         bool fresh;
         if (writes_for(probe_data, DISTANCE_TEXELS, k, &probe, &texel, &at, &fresh))

@@ -1,7 +1,6 @@
 // Irradiance transport for devices that run work-items in lockstep: a work-group per tile of
 // receivers, one each, neighbours on neighbouring values.
-// Macros: STORAGE, TILE (receivers of one cluster side by side: the work-group's size); COMPONENTS of
-// the light at a receiver.
+// Macros: STORAGE, FETCHES (srp/storage.cl); COMPONENTS of the light at a receiver.
 #define VEC 1
 #include "common/vec.cl"
 #include "srp/storage.cl"
@@ -11,19 +10,23 @@
 #endif
 
 // A tile's row of `tiles`, TILE_INTS ints.
-#define TILE_INTS 3
-#define FIRST_VALUE 0 // in units of TILE words
+#define TILE_INTS 6
+#define FIRST_WORD 0  // of the matrix
 #define FIRST_ROW 1   // of the light basis vectors
 #define ROWS 2        // light basis vectors
+#define STRIDE 3      // words of a step: the tile's receivers
+#define ITEMS 4       // work-items that compute: the receivers, and those that fill the device's last vector
+#define FIRST_TEXEL 5 // in `texel`
 
 // irradiance_transport: one work-item per receiver, one work-group per tile.
 //   component[receiver] = sum over light basis vectors of
 //                         reconstruction[j, component][receiver] * basis[j]
 // The reconstruction matrix is transposed within tiles: of each component one pair of light basis
-// vectors after the other (srp/storage.cl), TILE receivers side by side. The tile is the group's, so
-// that all its work-items loop alike and read the same floats of `basis`.
+// vectors after the other (srp/storage.cl), the receivers side by side. The tile is the group's, so
+// that all its work-items loop alike and read the same floats of `basis`. Work-items behind the last
+// receiver read what the next step reads anyway (behind the matrix there is room).
 //   basis     (rows, 4)
-//   texel     (tiles * TILE,) of the receivers; -1 where a cluster's last tile is not full
+//   texel     of the receivers, tile after tile; -1 where a work-item has none
 //   indirect  lightmap of the signal (common/lightmap.cl), W/m2
 __kernel void irradiance_transport(__global const int *tiles,
                                    __global const word_t *reconstruction,
@@ -33,16 +36,19 @@ __kernel void irradiance_transport(__global const int *tiles,
     // Not an int: see srp/simt_projection.cl.
     const size_t lane = get_local_id(0);
     __global const int *tile = tiles + TILE_INTS * get_group_id(0);
-    __global const word_t *words = reconstruction + (size_t)tile[FIRST_VALUE] * TILE;
+    __global const word_t *words = reconstruction + tile[FIRST_WORD];
     __global const float *light = basis + 4 * (size_t)tile[FIRST_ROW];
-    const int rows = tile[ROWS];
-    const int component_words = (rows + 1) / 2 * (PAIR_WORDS * TILE);
-    const int at = texel[(size_t)get_group_id(0) * TILE + lane];
+    const int rows = tile[ROWS], stride = tile[STRIDE];
+    const int component_words = (rows + 1) / 2 * (PAIR_WORDS * stride);
+    if (lane >= (size_t)tile[ITEMS])
+        return;
+    const int at = (texel + tile[FIRST_TEXEL])[lane];
     for (int c = 0; c < COMPONENTS; ++c) {
         __global const word_t *step = words + (size_t)(c * component_words);
         float red = 0.0f, green = 0.0f, blue = 0.0f, red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f;
         for (int j = 0; j < rows / 2; ++j) {
-            const pair_t pair = pair_at(step, j, TILE, lane);
+            FETCH_AHEAD(step + j * PAIR_WORDS * stride, 2 * CACHE_LINE)
+            const pair_t pair = pair_at(step, j, stride, lane);
             const float m = pair_first(pair), n = pair_second(pair);
             red += m * light[8 * j];
             green += m * light[8 * j + 1];
@@ -52,7 +58,7 @@ __kernel void irradiance_transport(__global const int *tiles,
             blue1 += n * light[8 * j + 6];
         }
         if (rows % 2) {
-            const float m = pair_first(pair_at(step, rows / 2, TILE, lane));
+            const float m = pair_first(pair_at(step, rows / 2, stride, lane));
             red += m * light[4 * rows - 4];
             green += m * light[4 * rows - 3];
             blue += m * light[4 * rows - 2];

@@ -2,7 +2,7 @@
 // work-items are its links, so that neighbours read neighbouring halves. Each keeps the sums of its
 // links; the group adds them up in local memory, in halves. A work-item for each cache would need no
 // sum, but caches are a few thousand, which fill no GPU. Links lie as for tuned_cache_lighting.cl.
-// Macros: those of links.cl.
+// Macros: those of links.cl; TEAM (the work-group's size).
 #include "surfel_cache/caps.cl"
 #include "surfel_cache/links.cl"
 
@@ -21,23 +21,30 @@ __kernel void cache_lighting(__global const uint *node_flux, LINK_PARAMS,
                              __local float *partial)
 {
     // Not ints: see srp/simt_projection.cl.
-    const size_t lane = get_local_id(0), lanes = get_local_size(0);
+    const size_t lane = get_local_id(0), lanes = TEAM;
     const int cache = first + min((int)get_group_id(0), count - 1);
     __global const int *nodes = link_node + (size_t)cache * LINKS;
-    float3 sum[COEFFICIENTS];
+    // Not float3: a compiler that makes vectors of work-items turns such an array over at each access.
+    float red[COEFFICIENTS], green[COEFFICIENTS], blue[COEFFICIENTS];
 #pragma unroll
     for (int j = 0; j < COEFFICIENTS; ++j)
-        sum[j] = (float3)(0.0f);
+        red[j] = green[j] = blue[j] = 0.0f;
     for (size_t turn = 0; turn < LINKS; turn += lanes) {
         const size_t k = turn + lane;
+#if LINKS % TEAM
         if (k >= LINKS)
             continue;
+#endif
         const float3 flux = shared_decode(node_flux[nodes[k]]);
 #if PROJECTION == PROJECTION_STORED
         __global const ushort *lights = link_light + (size_t)cache * LINKS * COEFFICIENTS;
 #pragma unroll
-        for (int j = 0; j < COEFFICIENTS; ++j)
-            sum[j] += flux * half_bits(lights[j * LINKS + k]);
+        for (int j = 0; j < COEFFICIENTS; ++j) {
+            const float light = half_bits(lights[j * LINKS + k]);
+            red[j] += flux.x * light;
+            green[j] += flux.y * light;
+            blue[j] += flux.z * light;
+        }
 #else
         __global const ushort *weights =
             (__global const ushort *)link_weight + (size_t)cache * LINKS * 2;
@@ -45,15 +52,18 @@ __kernel void cache_lighting(__global const uint *node_flux, LINK_PARAMS,
         cap_basis(link_direction[(size_t)cache * LINKS + k], half_bits(weights[k]),
                   half_bits(weights[LINKS + k]), y);
 #pragma unroll
-        for (int j = 0; j < COEFFICIENTS; ++j)
-            sum[j] += flux * y[j];
+        for (int j = 0; j < COEFFICIENTS; ++j) {
+            red[j] += flux.x * y[j];
+            green[j] += flux.y * y[j];
+            blue[j] += flux.z * y[j];
+        }
 #endif
     }
 #pragma unroll
     for (int j = 0; j < COEFFICIENTS; ++j) {
-        partial[3 * j * lanes + lane] = sum[j].x;
-        partial[(3 * j + 1) * lanes + lane] = sum[j].y;
-        partial[(3 * j + 2) * lanes + lane] = sum[j].z;
+        partial[3 * j * lanes + lane] = red[j];
+        partial[(3 * j + 1) * lanes + lane] = green[j];
+        partial[(3 * j + 2) * lanes + lane] = blue[j];
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     for (size_t left = lanes; left > 1; left = (left + 1) / 2) {

@@ -7,6 +7,7 @@ from typing import Final
 
 from gibench.device import Argument, Launch, ProgramSpec, local
 from gibench.techniques.ddgi.blending import Tuned
+from gibench.techniques.ddgi.probes import Probes
 
 _WEIGHTS_GROUP: Final = 64
 """Work-items that make a texel's list: a multiple of every SIMD width there is."""
@@ -20,7 +21,12 @@ class Simt(Tuned):
 
     Args:
         probes: what is blended into.
+        workgroup_size: work-items of a group at most.
     """
+
+    def __init__(self, probes: Probes, workgroup_size: int) -> None:
+        super().__init__(probes)
+        self._team = min(self.lanes, workgroup_size)
 
     def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
         launch = super()._weights(name, side, sharp, least)
@@ -41,9 +47,14 @@ class Simt(Tuned):
             self._simt_program(),
             kernel,
             (*args, sums),
+            workgroup_size=self._team,
             groups=probe_blocks * -(-(side**2) // _TEXELS),
         )
 
     def _simt_program(self) -> ProgramSpec:
-        defines = {**self.probes.defines(self.lanes), "TEXELS": _TEXELS}
+        defines = {
+            **self.probes.defines(self.lanes),
+            "TEXELS": _TEXELS,
+            "TEAM": self._team,
+        }
         return ProgramSpec("ddgi/simt_blend.cl", defines)

@@ -56,8 +56,11 @@ class Ddgi:
         self.scene = FrameScene.of(device, job.shot, world)
         self.probes = Probes.create(device, settings, volume, job.seed)
         tuned = job.variant == TUNED
-        shape = (Simt if device.layout == SIMT else Tuned) if tuned else Published
-        self.blending: Blending = shape(self.probes)
+        self.blending: Blending
+        if tuned and device.layout == SIMT:
+            self.blending = Simt(self.probes, job.group_size)
+        else:
+            self.blending = Tuned(self.probes) if tuned else Published(self.probes)
         packets = tuned and suits_packets(device)
         self._variability = Steady(REST_FALL, rest_window(settings.hysteresis))
         self._passes = DdgiPasses(self.scene, self.probes, self.blending, job.group_size, packets)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,20 +12,25 @@ import numpy.typing as npt
 
 from gibench.arrays import Ints
 from gibench.profiles import DeviceProfile
-from gibench.techniques.srp.bake.data import SrpBake
+from gibench.techniques.srp.bake.data import Cluster, SrpBake
 from gibench.techniques.srp.pack import Stored, _by_texel, _joined, padded
 from gibench.techniques.srp.storage import storage_bytes, storage_dtype, store_cluster
 
-_STEP_WORDS: Final = 8
-"""A step of the projection is a multiple: steps of 32 bytes and more begin no more cache lines of
-64 than they fill."""
+_TILE_WORDS: Final = 8
+"""A step of the transport is a multiple: steps of 32 bytes and more seldom begin more lines of
+64 than they fill. The projection's steps, of which there is far more to read, have no padding."""
 _TEAM: Final = 32
 """Rows of a tile: a cluster has up to 32 (its coefficients)."""
-_PIECE_COLUMNS: Final = 128
-"""Columns of a piece: of a full tile 8 KB, which a work-item's loop takes 64 steps for."""
+_LEAST_COLUMNS: Final = 32
+"""Columns of a piece at least: a work-item's loop takes 16 steps for them."""
+_PIECES: Final = 4096
+"""Pieces that tiles are cut for: 56 units (Vega 56) with four SIMD units of ten waves hold 2240."""
 _TILE: Final = 64
-"""Receivers of a tile: a multiple of every SIMD width there is; a cluster's last one is half empty
-on average."""
+"""Receivers of a tile: a multiple of every SIMD width there is."""
+_WHOLE: Final = -1  # kernels_cl/srp/simt_projection.cl
+_ROOM: Final = 16
+"""Work-items of the widest vector there is: what those behind a tile's last row or receiver read
+behind the matrix, and texels of whole vectors."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +40,26 @@ class SimtShape:
     Attributes:
         team: rows of a tile, and work-items of a group of the projection.
         tile: receivers of a tile, and work-items of a group of the transport.
+        together: work-items that are computed in whole vectors only (``Device.lanes_together``).
     """
 
     team: int
     tile: int
+    together: int = 1
 
     @staticmethod
-    def of(profile: DeviceProfile, workgroup_size: int) -> SimtShape:
+    def of(profile: DeviceProfile, workgroup_size: int, together: int = 1) -> SimtShape:
         """What suits a profile, with groups no larger than asked."""
         team, tile = max(_TEAM, profile.simd_width), max(_TILE, profile.simd_width)
-        return SimtShape(min(workgroup_size, team), min(workgroup_size, tile))
+        return SimtShape(min(workgroup_size, team), min(workgroup_size, tile), together)
 
-    def stride(self, rows: int) -> int:
-        """Words of a step of so many rows of a tile."""
-        return padded(rows, min(_STEP_WORDS, self.team))
+    def items(self, count: int, most: int) -> int:
+        """Work-items that compute for ``count`` rows or receivers, of a group of ``most``."""
+        return min(most, padded(count, self.together))
+
+    def slots(self, receivers: int) -> int:
+        """Texels kept of a tile, -1 behind its last receiver."""
+        return min(self.tile, padded(receivers, _ROOM))
 
 
 @dataclass(frozen=True)
@@ -56,14 +67,17 @@ class SimtTransport:
     """What the kernels read.
 
     Attributes:
-        pieces: (pieces, 4) int32 first word, first probe, probes, words of a step.
+        pieces: (pieces, 8) int32 first word, first probe, probes, words of a step, work-items that
+            compute, first row, rows, slot (-1: the piece is its whole tile).
         probes: the clusters' probes, int32.
         projection: stored values: per tile of rows, per probe, per pair of its coefficients, the
             rows' pairs (of 32 bits: the rows' first values, then their second ones).
-        row_tiles: (row tiles, 4) int32 first row, rows, first piece, pieces.
+        row_tiles: (row tiles, 4) int32 first row, rows, first slot, slots; of tiles of
+            several pieces.
         scale: (rows,) float32.
-        tiles: (tiles, 3) int32 first word in tiles' rows, first row, rows.
-        texel: (tiles * tile,) int32, -1 where there is no receiver.
+        tiles: (tiles, 6) int32 first word, first row, rows, words of a step, work-items that
+            compute, first texel.
+        texel: int32 of the tiles' receivers, each tile's in whole vectors; -1 where there is none.
         reconstruction: stored values: per tile, per component, per pair of light basis vectors,
             its receivers' pairs.
     """
@@ -84,51 +98,71 @@ class SimtSizes:
 
     Attributes:
         pieces: pieces of columns of all tiles of rows.
+        slots: pieces that are not whole tiles.
         probes: probes of all clusters that are not dark.
         projection: values with their padding.
-        row_tiles: tiles of rows.
+        row_tiles: tiles of rows that are several pieces.
         tiles: tiles of receivers.
+        texels: of tiles, in whole vectors.
         reconstruction: values with their padding.
     """
 
     pieces: int = 0
+    slots: int = 0
     probes: int = 0
     projection: int = 0
     row_tiles: int = 0
     tiles: int = 0
+    texels: int = 0
     reconstruction: int = 0
 
     @staticmethod
     def of(bake: SrpBake, shape: SimtShape) -> SimtSizes:
         """The sizes of what :func:`pack_simt` makes of ``bake``."""
-        lit = [cluster for cluster in bake.clusters if len(cluster.projection)]
-        columns, at_once = padded(bake.coefficients, 2), piece_probes(bake.coefficients)
+        at_once, columns = piece_probes(bake, shape), padded(bake.coefficients, 2)
         found = SimtSizes()
-        for cluster in lit:
+        for cluster in _lit(bake):
             rows, probes = len(cluster.projection), len(cluster.probes)
-            row_tiles = _row_tiles(rows, shape)
-            tiles = -(-len(cluster.receivers) // shape.tile)
+            row_tiles = _tiles_of(rows, shape.team)
+            tiles = _tiles_of(len(cluster.receivers), shape.tile)
             parts = len(cluster.reconstruction) // len(cluster.receivers)
+            cuts = -(-probes // at_once)
+            cut = len(row_tiles) if cuts > 1 else 0
+            beside = sum(padded(count, _TILE_WORDS) for _, count in tiles)
             found = SimtSizes(
-                pieces=found.pieces + len(row_tiles) * -(-probes // at_once),
+                pieces=found.pieces + len(row_tiles) * cuts,
+                slots=found.slots + cut * cuts,
                 probes=found.probes + probes,
-                projection=found.projection
-                + sum(shape.stride(count) for _, count in row_tiles) * probes * columns,
-                row_tiles=found.row_tiles + len(row_tiles),
-                tiles=found.tiles + tiles,
-                reconstruction=found.reconstruction + padded(rows, 2) * tiles * shape.tile * parts,
+                projection=found.projection + rows * probes * columns,
+                row_tiles=found.row_tiles + cut,
+                tiles=found.tiles + len(tiles),
+                texels=found.texels + sum(shape.slots(count) for _, count in tiles),
+                reconstruction=found.reconstruction + padded(rows, 2) * beside * parts,
             )
-        return found
+        return replace(
+            found,
+            projection=found.projection + 2 * _ROOM,
+            reconstruction=found.reconstruction + 2 * _ROOM,
+        )
 
 
-def piece_probes(coefficients: int) -> int:
-    """Probes of a piece: those of a cluster, a piece's share at a time."""
-    return max(1, _PIECE_COLUMNS // coefficients)
+def piece_probes(bake: SrpBake, shape: SimtShape) -> int:
+    """Probes of a piece: those of its cluster, or a share where there are too few tiles."""
+    of_tiles = sum(
+        len(cluster.probes) * len(_tiles_of(len(cluster.projection), shape.team))
+        for cluster in _lit(bake)
+    )
+    return max(1, _LEAST_COLUMNS // bake.coefficients, of_tiles // _PIECES)
 
 
-def _row_tiles(rows: int, shape: SimtShape) -> list[tuple[int, int]]:
-    """First row and rows of each tile of a cluster's rows."""
-    return [(first, min(shape.team, rows - first)) for first in range(0, rows, shape.team)]
+def _lit(bake: SrpBake) -> list[Cluster]:
+    """Clusters that are not dark: a dark one's receivers keep the black they start with."""
+    return [cluster for cluster in bake.clusters if len(cluster.projection)]
+
+
+def _tiles_of(count: int, most: int) -> list[tuple[int, int]]:
+    """First one and number of each tile of so many rows or receivers."""
+    return [(first, min(most, count - first)) for first in range(0, count, most)]
 
 
 def pack_simt(bake: SrpBake, texel: Ints, storage: str, shape: SimtShape) -> SimtTransport:
@@ -140,58 +174,66 @@ def pack_simt(bake: SrpBake, texel: Ints, storage: str, shape: SimtShape) -> Sim
         storage: ``fp32``, ``fp16`` or ``snorm16``.
         shape: sizes that the kernels are compiled for.
     """
-    at_once, pair_words = piece_probes(bake.coefficients), storage_bytes(storage) // 2
-    pieces: list[tuple[int, int, int, int]] = []
+    at_once, pair_words = piece_probes(bake, shape), storage_bytes(storage) // 2
+    pieces: list[tuple[int, ...]] = []
     row_tiles: list[tuple[int, int, int, int]] = []
-    tiles: list[npt.NDArray[Any]] = []
+    tiles: list[tuple[int, ...]] = []
     probes: list[npt.NDArray[Any]] = []
     projections: list[npt.NDArray[Any]] = []
     reconstructions: list[npt.NDArray[Any]] = []
     scales: list[npt.NDArray[Any]] = []
     texels: list[npt.NDArray[Any]] = []
-    first_row = first_probe = words = tile_rows = 0
-    for cluster in bake.clusters:
+    first_row = first_probe = words = tile_words = slots = first_texel = 0
+    of_columns = padded(bake.coefficients, 2) // 2 * pair_words
+    for cluster in _lit(bake):
         rows, of_cluster = len(cluster.projection), len(cluster.probes)
-        if rows == 0:  # dark: its receivers keep the black they start with
-            continue
         stored = store_cluster(cluster, storage)
         by_probe = stored.projection.reshape(rows, of_cluster, bake.coefficients)
-        for first, count in _row_tiles(rows, shape):
-            stride = shape.stride(count)
-            values = _paired(by_probe[first : first + count].transpose(1, 2, 0), stride, storage)
-            projections.append(values)
-            of_probe = padded(bake.coefficients, 2) // 2 * pair_words * stride
-            starts = range(0, of_cluster, at_once)
-            row_tiles.append((first_row + first, count, len(pieces), len(starts)))
+        starts = range(0, of_cluster, at_once)
+        for first, count in _tiles_of(rows, shape.team):
+            values = by_probe[first : first + count].transpose(1, 2, 0)
+            projections.append(_paired(values, count, storage))
+            of_probe = of_columns * count
+            of_rows = (count, shape.items(count, shape.team), first_row + first, count)
+            cut = len(starts) > 1
+            if cut:
+                row_tiles.append((first_row + first, count, slots, len(starts)))
             for start in starts:
                 share = min(at_once, of_cluster - start)
-                pieces.append((words + start * of_probe, first_probe + start, share, stride))
+                at = words + start * of_probe, first_probe + start, share
+                pieces.append((*at, *of_rows, slots if cut else _WHOLE))
+                slots += cut
             words += of_cluster * of_probe
         order = _by_texel(stored, texel)
         parts = len(stored.reconstruction) // len(order)
         of_receivers = stored.reconstruction.reshape(len(order), parts, rows)[order]
-        values = _tiles(of_receivers, shape.tile, storage)
-        count = -(-len(order) // shape.tile)
         of_tile = parts * padded(rows, 2) // 2 * pair_words
-        at = tile_rows + np.arange(count) * of_tile
-        tiles.append(np.stack([at, np.full_like(at, first_row), np.full_like(at, rows)], axis=1))
-        slots = np.full(count * shape.tile, -1, np.int32)
-        slots[: len(order)] = texel[cluster.receivers[order]]
-        reconstructions.append(values)
-        texels.append(slots)
-        tile_rows += count * of_tile
+        for first, count in _tiles_of(len(order), shape.tile):
+            stride = padded(count, _TILE_WORDS)
+            values = of_receivers[first : first + count].transpose(1, 2, 0)
+            reconstructions.append(_paired(values, stride, storage))
+            items = shape.items(count, shape.tile)
+            tiles.append((tile_words, first_row, rows, stride, items, first_texel))
+            own = np.full(shape.slots(count), -1, np.int32)
+            own[:count] = texel[cluster.receivers[order[first : first + count]]]
+            texels.append(own)
+            tile_words += of_tile * stride
+            first_texel += len(own)
         probes.append(cluster.probes)
         scales.append(stored.scale)
         first_row += rows
         first_probe += of_cluster
+    room = np.zeros(2 * _ROOM, storage_dtype(storage))
+    projections.append(room)
+    reconstructions.append(room)
     dtype = storage_dtype(storage)
     return SimtTransport(
-        pieces=np.array(pieces, np.int32).reshape(-1, 4),
+        pieces=np.array(pieces, np.int32).reshape(-1, 8),
         probes=_joined(probes, np.int32),
         projection=_joined(projections, dtype),
         row_tiles=np.array(row_tiles, np.int32).reshape(-1, 4),
         scale=_joined(scales, np.float32),
-        tiles=_joined(tiles, np.int32).reshape(-1, 3),
+        tiles=np.array(tiles, np.int32).reshape(-1, 6),
         texel=_joined(texels, np.int32),
         reconstruction=_joined(reconstructions, dtype),
     )
@@ -205,13 +247,3 @@ def _paired(values: Stored, width: int, storage: str) -> Stored:
     full = np.pad(values, ((0, 0), (0, columns % 2), (0, width - beside)))
     pairs = full.reshape(count, -1, 2, width)
     return np.ascontiguousarray(pairs if storage == "fp32" else pairs.swapaxes(2, 3))
-
-
-def _tiles(rows: Stored, tile: int, storage: str) -> Stored:
-    """Pairs (:func:`_paired`) of the light basis vectors of receivers' rows (m, components, n), for
-    each tile and component.
-    """
-    count, parts, vectors = rows.shape
-    full = np.pad(rows, ((0, padded(count, tile) - count), (0, 0), (0, 0)))
-    of_tiles = full.reshape(-1, tile, parts, vectors).transpose(0, 2, 3, 1)
-    return _paired(of_tiles.reshape(-1, vectors, tile), tile, storage)

@@ -10,6 +10,7 @@ import numpy as np
 from gibench.arrays import Floats
 from gibench.device import BufferSpec, Launch, ProgramSpec, local, reads, updates, writes
 from gibench.errors import CannotRun
+from gibench.profiles import DeviceProfile
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.srp.common import (
     SrpInput,
@@ -24,8 +25,11 @@ from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
 
 _CHUNK: Final = 512
-"""Samples of the probe update in local memory at most: 6 KB, so that a unit of 64 KB holds seven
-groups of 256."""
+"""Samples of a part of the probe update at most, in 6 KB of local memory: a unit of 64 KB holds
+ten groups."""
+_PROBE_TEAM: Final = 64
+"""Work-items of a group of the probe update: the coefficients of order 7, and a multiple
+of every SIMD width there is."""
 
 
 class Simt:
@@ -41,7 +45,7 @@ class Simt:
     def __init__(self, given: SrpInput) -> None:
         self.given = given
         device, bake, texels = given.scene.device, given.bake, given.receivers.texels
-        self._shape = SimtShape.of(device.profile, given.workgroup_size)
+        self._shape = SimtShape.of(device.profile, given.workgroup_size, device.lanes_together)
         receivers = given.receivers.lightmap.receivers
         packed = pack_simt(bake, receivers.texel, given.storage, self._shape)
         border = border_texels(given.receivers.lightmap)
@@ -91,21 +95,23 @@ class Simt:
             border: texels to dilate.
         """
         s, stored, of = sizes, storage_dtype(storage), BufferSpec.of
+        parts = -(-s.samples // probe_chunk(s.samples))
         return [
             FrameLightmap.map_buffer("radiance", texels + s.samples + 1),
             of("relight_source", (s.probes, s.samples), np.int32),
             of("relight_basis", (s.samples, s.coefficients), np.float32),
-            of("row_pieces", (packed.pieces, 4), np.int32),
+            of("row_pieces", (packed.pieces, 8), np.int32),
             of("cluster_probes", packed.probes, np.int32),
             of("projection", packed.projection, stored),
-            of("partial_basis", (packed.pieces, 3, shape.team), np.float32),
+            of("partial_basis", (packed.slots, 3, shape.team), np.float32),
             of("row_tiles", (packed.row_tiles, 4), np.int32),
             of("scale", s.rows, np.float32),
-            of("receiver_tiles", (packed.tiles, 3), np.int32),
-            of("transport_texel", packed.tiles * shape.tile, np.int32),
+            of("receiver_tiles", (packed.tiles, 6), np.int32),
+            of("transport_texel", packed.texels, np.int32),
             of("reconstruction", packed.reconstruction, stored),
             of("border_texels", border, np.int32),
             of("lambda", (s.probes, 3, s.coefficients), np.float32),
+            of("lambda_parts", (s.probes, parts, 3, s.coefficients), np.float32),
             of("light_basis", (s.rows, 4), np.float32),
         ]
 
@@ -123,40 +129,49 @@ class Simt:
         return np.ascontiguousarray(planes.transpose(0, 2, 1))
 
     def _probe_update(self) -> Sequence[Launch]:
-        sizes, profile = self.given.sizes, self.given.scene.device.profile
-        partial = 12 * self.given.workgroup_size
-        chunk = min(sizes.samples, _CHUNK, (profile.local_memory_bytes - partial) // 12)
-        if chunk < 1:
+        sizes, profile, held = self.given.sizes, self.given.scene.device.profile, self._held
+        team = _probe_team(profile, self.given.workgroup_size)
+        chunk = probe_chunk(sizes.samples)
+        partial = 12 * team if team >= 2 * sizes.coefficients else 4
+        if 12 * chunk + partial > profile.local_memory_bytes:
             raise CannotRun(
-                f"the sums of a group take {partial:,} bytes of local memory; profile "
-                f"{profile.name} has {profile.local_memory_bytes:,}",
+                f"a group's samples and sums take {12 * chunk + partial:,} bytes of local memory; "
+                f"profile {profile.name} has {profile.local_memory_bytes:,}",
                 mend="lower --workgroup-size",
             )
         defines: dict[str, int | str] = {
             "SAMPLES": sizes.samples,
             "CHUNK": chunk,
             "COEFFICIENTS": sizes.coefficients,
+            "TEAM": team,
             **self.given.blocked_defines,
         }
-        args = (
-            reads("updated", self.given.turns.state),
-            reads("source", self._held["relight_source"]),
-            reads("basis", self._held["relight_basis"]),
+        program, turns = ProgramSpec("srp/simt_probes.cl", defines), self.given.turns
+        products = (
+            reads("updated", turns.state),
+            reads("source", held["relight_source"]),
+            reads("basis", held["relight_basis"]),
             reads("radiance", self.radiance),
             *self.given.blocked_args,
-            updates("lambda", self._lambda),
+            writes("sums", held["lambda_parts"]),
             local("gathered", 12 * chunk),
             local("partial", partial),
         )
-        program = ProgramSpec("srp/simt_probes.cl", defines)
+        sums = (
+            reads("updated", turns.state),
+            reads("sums", held["lambda_parts"]),
+            updates("lambda", self._lambda),
+        )
+        parts = -(-sizes.samples // chunk)
         return [
             Launch(
                 program,
                 "probe_update",
-                args,
-                groups=self.given.turns.count,
-                workgroup_size=self.given.workgroup_size,
-            )
+                products,
+                groups=lambda: turns.count() * parts,
+                workgroup_size=team,
+            ),
+            Launch(program, "add_parts", sums, groups=turns.count, workgroup_size=team),
         ]
 
     def _projected(self) -> Sequence[Launch]:
@@ -165,20 +180,23 @@ class Simt:
             "STORAGE": storage_macro(self.given.storage),
             "COEFFICIENTS": self.given.sizes.coefficients,
             "TEAM": shape.team,
+            "FETCHES": int(self.given.scene.device.is_processor),
         }
         program = ProgramSpec("srp/simt_projection.cl", defines)
         products = (
             reads("pieces", held["row_pieces"]),
             reads("probes", held["cluster_probes"]),
             reads("projection", held["projection"]),
+            reads("scale", held["scale"]),
             reads("lambda", self._lambda),
             writes("partial", held["partial_basis"]),
+            writes("basis", self._basis),
         )
         sums = (
             reads("row_tiles", held["row_tiles"]),
             reads("partial", held["partial_basis"]),
             reads("scale", held["scale"]),
-            writes("basis", self._basis),
+            updates("basis", self._basis),
         )
         return [
             Launch(
@@ -197,7 +215,7 @@ class Simt:
     def _transported(self) -> Sequence[Launch]:
         defines: dict[str, int | str] = {
             "STORAGE": storage_macro(self.given.storage),
-            "TILE": self._shape.tile,
+            "FETCHES": int(self.given.scene.device.is_processor),
             **self.given.indirect.macros,
         }
         args = (
@@ -216,3 +234,13 @@ class Simt:
                 workgroup_size=self._shape.tile,
             )
         ]
+
+
+def probe_chunk(samples: int) -> int:
+    """Samples of a part of a probe's."""
+    return min(_CHUNK, -(-samples // 2))
+
+
+def _probe_team(profile: DeviceProfile, workgroup_size: int) -> int:
+    """Work-items of a group of the probe update, no more than asked."""
+    return min(workgroup_size, max(_PROBE_TEAM, profile.simd_width))

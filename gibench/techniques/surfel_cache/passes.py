@@ -265,7 +265,13 @@ class FramePasses:
             "LINKS": s.links,
             "VEC": width,
         }
-        if s.tuned and not self.simt:
+        profile, row = self.device.profile, 12 * s.coefficients
+        size = min(self.workgroup_size, max(_LEAST_GROUP, profile.simd_width))
+        while size > 1 and row * size > profile.local_memory_bytes:
+            size //= 2
+        if self.simt:
+            defines["TEAM"] = size
+        elif s.tuned:
             defines["UNROLL"] = next(n for n in (4, 2, 1) if vectors % n == 0)
         shape = "simt" if self.simt else "tuned" if s.tuned else "published"
         program = ProgramSpec(f"surfel_cache/{shape}_cache_lighting.cl", defines)
@@ -284,10 +290,6 @@ class FramePasses:
         )
         if not self.simt:
             return [Launch(program, "cache_lighting", args, items=count)]
-        profile, row = self.device.profile, 12 * s.coefficients
-        size = min(self.workgroup_size, max(_LEAST_GROUP, profile.simd_width))
-        while size > 1 and row * size > profile.local_memory_bytes:
-            size //= 2
         sums = local("partial", row * size)
         kernel = "cache_lighting"
         return [Launch(program, kernel, (*args, sums), groups=count, workgroup_size=size)]
