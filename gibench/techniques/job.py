@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from gibench.device import WIDE, Layout
+from gibench.device import WIDE, Device, Layout
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import Bvh
 from gibench.scene.lightmap import Lightmap
@@ -144,6 +144,8 @@ class Known:
         vector_width: floats per vector of the executing device; 1, the least, as long as none is
             opened.
         layout: of kernels that are tuned.
+        lanes_together: work-items that the executing device computes in whole vectors only
+            (``Device.lanes_together``).
     """
 
     job: Job
@@ -155,10 +157,11 @@ class Known:
     bvh: Bvh | None = None
     vector_width: int = 1
     layout: Layout = WIDE
+    lanes_together: int = 1
 
     @staticmethod
-    def all_of(job: Job, world: World, bvh: Bvh, vector_width: int, layout: Layout) -> Known:
-        """All of it: what is declared from this is what is allocated."""
+    def all_of(job: Job, world: World, bvh: Bvh, device: Device) -> Known:
+        """All of it on ``device``: what is declared from this is what is allocated."""
         return Known(
             job=job,
             scene=world.scene,
@@ -167,6 +170,7 @@ class Known:
             lightmap=world.lightmap,
             baked=world.baked,
             bvh=bvh,
-            vector_width=vector_width,
-            layout=layout,
+            vector_width=device.vector_width,
+            layout=device.layout,
+            lanes_together=device.lanes_together,
         )

@@ -13,10 +13,19 @@
 #define SHARES 1
 #endif
 
+// Coefficients that a work-item sums at once, so that a radiance read from local memory serves them all.
+#if COEFFICIENTS % (4 * TEAM) == 0
+#define TOGETHER 4
+#elif COEFFICIENTS % (2 * TEAM) == 0
+#define TOGETHER 2
+#else
+#define TOGETHER 1
+#endif
+
 // probe_update: one work-group per probe and part.
 //   sums[group][j] = sum over the part's relight rays of radiance * Y_j * 4 pi / samples
 // All work-items gather the radiance of the samples into local memory, one plane per channel; then
-// each sums a coefficient. Where a group has room for several rows of coefficients, these share the
+// each sums a coefficient, or several. Where a group has room for several rows of coefficients, these share the
 // samples, and their sums are added up; one with less work-items than coefficients takes them in turns.
 // OCCLUDERS=1, where something moves: what a blocked ray sees is in `blocked` (srp/blocked_rays.cl).
 //   updated      how many probes are updated, and these
@@ -50,22 +59,31 @@ __kernel void probe_update(__global const int *updated, __global const int *sour
     }
     barrier(CLK_LOCAL_MEM_FENCE);
 #if SHARES == 1
-    for (size_t turn = 0; turn < COEFFICIENTS; turn += TEAM) {
+    for (size_t turn = 0; turn < COEFFICIENTS; turn += TOGETHER * TEAM) {
         const size_t j = turn + item;
 #if COEFFICIENTS % TEAM
         if (j >= COEFFICIENTS)
             continue;
 #endif
-        float r = 0.0f, g = 0.0f, b = 0.0f;
+        float r[TOGETHER], g[TOGETHER], b[TOGETHER];
+#pragma unroll
+        for (int k = 0; k < TOGETHER; ++k)
+            r[k] = g[k] = b[k] = 0.0f;
         for (int i = 0; i < count; ++i) {
-            const float value = y[(size_t)(i * COEFFICIENTS) + j];
-            r += red[i] * value;
-            g += green[i] * value;
-            b += blue[i] * value;
+#pragma unroll
+            for (int k = 0; k < TOGETHER; ++k) {
+                const float value = y[(size_t)(i * COEFFICIENTS + k * TEAM) + j];
+                r[k] += red[i] * value;
+                g[k] += green[i] * value;
+                b[k] += blue[i] * value;
+            }
         }
-        out[j] = r;
-        out[COEFFICIENTS + j] = g;
-        out[2 * COEFFICIENTS + j] = b;
+#pragma unroll
+        for (int k = 0; k < TOGETHER; ++k) {
+            out[k * TEAM + j] = r[k];
+            out[COEFFICIENTS + k * TEAM + j] = g[k];
+            out[2 * COEFFICIENTS + k * TEAM + j] = b[k];
+        }
     }
 #else
     const size_t share = item / COEFFICIENTS, j = item % COEFFICIENTS;

@@ -106,7 +106,7 @@ def test_the_demand_is_what_is_allocated_without_limits(rng: np.random.Generator
 
     def demand(profile: DeviceProfile) -> Demand | None:
         job = Job("direct", spec.settings({}), "tuned", scene.name, profile, 64, shot=Shot(30, 20))
-        return demand_of(spec, job, world, vast.device.vector_width, vast.device.layout)
+        return demand_of(spec, job, world, vast.device)
 
     total, most = sum(held.values()), max(held.values())
     assert demand(tight) == Demand(total, most, total, most)

@@ -39,9 +39,7 @@ def made(
     before = set(device.memory.allocated)
     technique: Any = spec.create(device, job, world)
     tree = technique.scene.bvh
-    declared = by_name(
-        spec.buffers(Known.all_of(job, world, tree, device.vector_width, device.layout))
-    )
+    declared = by_name(spec.buffers(Known.all_of(job, world, tree, device)))
     held = {name: n for name, n in device.memory.allocated.items() if name not in before}
     assert held == declared
     return technique

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gibench.device import BufferSpec, Layout, largest, total_bytes
+from gibench.device import BufferSpec, largest, total_bytes
 from gibench.errors import BadInput, CannotRun
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import build_bvh
@@ -210,9 +210,7 @@ def _any_of(options: Sequence[str]) -> str:
     return " or ".join(filter(None, (", ".join(options[:-1]), options[-1])))
 
 
-def demand_of(
-    spec: TechniqueSpec, job: Job, world: World, vector_width: int, layout: Layout
-) -> Demand | None:
+def demand_of(spec: TechniqueSpec, job: Job, world: World, device: Device) -> Demand | None:
     """What ``spec`` allocates for ``job`` in ``world``; None where that is within the profile's
     limits.
 
@@ -220,10 +218,9 @@ def demand_of(
         spec: the technique.
         job: what is asked.
         world: what is seen.
-        vector_width: floats per vector of the executing device.
-        layout: of kernels that are tuned.
+        device: that executes.
     """
-    known = Known.all_of(job, world, build_bvh(world.scene.corners), vector_width, layout)
+    known = Known.all_of(job, world, build_bvh(world.scene.corners), device)
     declared = spec.buffers(known)
     scene = {buffer.name for buffer in FrameScene.declared(known)}
     fixed = [buffer for buffer in declared if buffer.name in scene]

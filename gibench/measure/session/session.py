@@ -129,7 +129,7 @@ class Session:
                 technique = spec.create(device, job, world)
                 break
             except CannotRun as error:
-                demand = demand_of(spec, job, world, device.vector_width, device.layout)
+                demand = demand_of(spec, job, world, device)
                 fewer = 0
                 if demand is not None and has_receivers(spec):
                     fewer = demand.receivers_that_fit(job.profile, receivers)

@@ -92,7 +92,7 @@ def _buffers(known: Known) -> list[BufferSpec]:
         texels, border = lightmap.width * lightmap.height, len(border_texels(lightmap))
         more += _changing(known, lightmap)
     if job.variant == TUNED and known.layout == SIMT:
-        shape = SimtShape.of(job.profile, job.group_size)
+        shape = SimtShape.of(job.profile, job.group_size, known.lanes_together)
         least = SimtSizes()
         if lightmap is not None:
             least = SimtSizes.of(known.baked, shape)

@@ -21,6 +21,7 @@ _TILE_WORDS: Final = 8
 64 than they fill. The projection's steps, of which there is far more to read, have no padding."""
 _TEAM: Final = 32
 """Rows of a tile: a cluster has up to 32 (its coefficients)."""
+_EACH: Final = 2  # the most that kernels_cl/srp/simt_projection.cl has
 _LEAST_COLUMNS: Final = 32
 """Columns of a piece at least: a work-item's loop takes 16 steps for them."""
 _PIECES: Final = 4096
@@ -38,20 +39,32 @@ class SimtShape:
     """Sizes that the kernels are compiled for.
 
     Attributes:
-        team: rows of a tile, and work-items of a group of the projection.
+        team: work-items of a group of the projection.
+        each: rows of one of them.
         tile: receivers of a tile, and work-items of a group of the transport.
         together: work-items that are computed in whole vectors only (``Device.lanes_together``).
     """
 
     team: int
+    each: int
     tile: int
-    together: int = 1
+    together: int
 
     @staticmethod
     def of(profile: DeviceProfile, workgroup_size: int, together: int = 1) -> SimtShape:
-        """What suits a profile, with groups no larger than asked."""
-        team, tile = max(_TEAM, profile.simd_width), max(_TILE, profile.simd_width)
-        return SimtShape(min(workgroup_size, team), min(workgroup_size, tile), together)
+        """What suits a profile, with groups no larger than asked. On a CPU that vectorises over
+        work-items a group of the projection is one vector, whose work-items have two rows each:
+        what all read of the probes' light serves both.
+        """
+        tile = min(workgroup_size, max(_TILE, profile.simd_width))
+        if together > 1:
+            return SimtShape(min(workgroup_size, together), _EACH, tile, together)
+        return SimtShape(min(workgroup_size, max(_TEAM, profile.simd_width)), 1, tile, 1)
+
+    @property
+    def rows(self) -> int:
+        """Rows of a tile at most."""
+        return self.team * self.each
 
     def items(self, count: int, most: int) -> int:
         """Work-items that compute for ``count`` rows or receivers, of a group of ``most``."""
@@ -123,7 +136,7 @@ class SimtSizes:
         found = SimtSizes()
         for cluster in _lit(bake):
             rows, probes = len(cluster.projection), len(cluster.probes)
-            row_tiles = _tiles_of(rows, shape.team)
+            row_tiles = _tiles_of(rows, shape.rows)
             tiles = _tiles_of(len(cluster.receivers), shape.tile)
             parts = len(cluster.reconstruction) // len(cluster.receivers)
             cuts = -(-probes // at_once)
@@ -149,7 +162,7 @@ class SimtSizes:
 def piece_probes(bake: SrpBake, shape: SimtShape) -> int:
     """Probes of a piece: those of its cluster, or a share where there are too few tiles."""
     of_tiles = sum(
-        len(cluster.probes) * len(_tiles_of(len(cluster.projection), shape.team))
+        len(cluster.probes) * len(_tiles_of(len(cluster.projection), shape.rows))
         for cluster in _lit(bake)
     )
     return max(1, _LEAST_COLUMNS // bake.coefficients, of_tiles // _PIECES)
@@ -190,7 +203,7 @@ def pack_simt(bake: SrpBake, texel: Ints, storage: str, shape: SimtShape) -> Sim
         stored = store_cluster(cluster, storage)
         by_probe = stored.projection.reshape(rows, of_cluster, bake.coefficients)
         starts = range(0, of_cluster, at_once)
-        for first, count in _tiles_of(rows, shape.team):
+        for first, count in _tiles_of(rows, shape.rows):
             values = by_probe[first : first + count].transpose(1, 2, 0)
             projections.append(_paired(values, count, storage))
             of_probe = of_columns * count

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import BufferSpec, Launch, ProgramSpec, local, reads, updates, writes
+from gibench.device import BufferSpec, Device, Launch, ProgramSpec, local, reads, updates, writes
 from gibench.errors import CannotRun
-from gibench.profiles import DeviceProfile
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.srp.common import (
     SrpInput,
@@ -103,7 +102,7 @@ class Simt:
             of("row_pieces", (packed.pieces, 8), np.int32),
             of("cluster_probes", packed.probes, np.int32),
             of("projection", packed.projection, stored),
-            of("partial_basis", (packed.slots, 3, shape.team), np.float32),
+            of("partial_basis", (packed.slots, 3, shape.rows), np.float32),
             of("row_tiles", (packed.row_tiles, 4), np.int32),
             of("scale", s.rows, np.float32),
             of("receiver_tiles", (packed.tiles, 6), np.int32),
@@ -130,7 +129,7 @@ class Simt:
 
     def _probe_update(self) -> Sequence[Launch]:
         sizes, profile, held = self.given.sizes, self.given.scene.device.profile, self._held
-        team = _probe_team(profile, self.given.workgroup_size)
+        team = _probe_team(self.given.scene.device, self.given.workgroup_size)
         chunk = probe_chunk(sizes.samples)
         partial = 12 * team if team >= 2 * sizes.coefficients else 4
         if 12 * chunk + partial > profile.local_memory_bytes:
@@ -180,6 +179,7 @@ class Simt:
             "STORAGE": storage_macro(self.given.storage),
             "COEFFICIENTS": self.given.sizes.coefficients,
             "TEAM": shape.team,
+            "EACH": shape.each,
             "FETCHES": int(self.given.scene.device.is_processor),
         }
         program = ProgramSpec("srp/simt_projection.cl", defines)
@@ -241,6 +241,9 @@ def probe_chunk(samples: int) -> int:
     return min(_CHUNK, -(-samples // 2))
 
 
-def _probe_team(profile: DeviceProfile, workgroup_size: int) -> int:
-    """Work-items of a group of the probe update, no more than asked."""
-    return min(workgroup_size, max(_PROBE_TEAM, profile.simd_width))
+def _probe_team(device: Device, workgroup_size: int) -> int:
+    """Work-items of a group of the probe update, no more than asked: on a CPU that vectorises over
+    work-items one vector, whose work-items sum several coefficients each.
+    """
+    gpu = max(_PROBE_TEAM, device.profile.simd_width)
+    return min(workgroup_size, device.lanes_together if device.lanes_together > 1 else gpu)
