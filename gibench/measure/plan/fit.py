@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gibench.device import BufferSpec, largest, total_bytes
+from gibench.device import BufferSpec, Device, largest, total_bytes
 from gibench.errors import BadInput, CannotRun
 from gibench.profiles import DeviceProfile
 from gibench.rays.bvh import build_bvh

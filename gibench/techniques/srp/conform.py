@@ -80,7 +80,10 @@ def _cases(shape: str) -> list[Case]:
     return [
         Case(
             f"SRP's probe update ({shape})",
-            (f"{files}_probes.cl:probe_update",),
+            (
+                f"{files}_probes.cl:probe_update",
+                *([f"{files}_probes.cl:add_parts"] if shape == SIMT else []),
+            ),
             partial(_probes, shape=shape),
         ),
         Case(

@@ -26,6 +26,12 @@ _LEAST_COLUMNS: Final = 32
 """Columns of a piece at least: a work-item's loop takes 16 steps for them."""
 _PIECES: Final = 4096
 """Pieces that tiles are cut for: 56 units (Vega 56) with four SIMD units of ten waves hold 2240."""
+_UPDATE_TEAM: Final = 64
+"""Work-items of a group of the probe update: the coefficients of order 7, and a multiple of every
+SIMD width there is."""
+_SAMPLES: Final = 512
+"""Samples of a part of the probe update at most, in 6 KB of local memory: a unit of 64 KB holds ten
+groups."""
 _TILE: Final = 64
 """Receivers of a tile: a multiple of every SIMD width there is."""
 _WHOLE: Final = -1  # kernels_cl/srp/simt_projection.cl
@@ -43,28 +49,50 @@ class SimtShape:
         each: rows of one of them.
         tile: receivers of a tile, and work-items of a group of the transport.
         together: work-items that are computed in whole vectors only (``Device.lanes_together``).
+        update_team: work-items of a group of the probe update.
+        samples: of a part of the probe update at most; 0 where local memory holds not even the
+            group's sums.
     """
 
     team: int
     each: int
     tile: int
     together: int
+    update_team: int
+    samples: int
 
     @staticmethod
     def of(profile: DeviceProfile, workgroup_size: int, together: int = 1) -> SimtShape:
         """What suits a profile, with groups no larger than asked. On a CPU that vectorises over
         work-items a group of the projection is one vector, whose work-items have two rows each:
-        what all read of the probes' light serves both.
+        what all read of the probes' light serves both; one of the probe update likewise.
         """
-        tile = min(workgroup_size, max(_TILE, profile.simd_width))
+        team, each, update = (
+            max(_TEAM, profile.simd_width),
+            1,
+            max(_UPDATE_TEAM, profile.simd_width),
+        )
         if together > 1:
-            return SimtShape(min(workgroup_size, together), _EACH, tile, together)
-        return SimtShape(min(workgroup_size, max(_TEAM, profile.simd_width)), 1, tile, 1)
+            team, each, update = together, _EACH, together
+        update = min(workgroup_size, update)
+        room = profile.local_memory_bytes // 12 - update
+        return SimtShape(
+            team=min(workgroup_size, team),
+            each=each,
+            tile=min(workgroup_size, max(_TILE, profile.simd_width)),
+            together=together,
+            update_team=update,
+            samples=max(0, min(_SAMPLES, room)),
+        )
 
     @property
     def rows(self) -> int:
         """Rows of a tile at most."""
         return self.team * self.each
+
+    def chunk(self, samples: int) -> int:
+        """Samples of a part of a probe's, two parts at least."""
+        return max(1, min(self.samples, -(-samples // 2)))
 
     def items(self, count: int, most: int) -> int:
         """Work-items that compute for ``count`` rows or receivers, of a group of ``most``."""

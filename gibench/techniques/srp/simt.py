@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import BufferSpec, Device, Launch, ProgramSpec, local, reads, updates, writes
+from gibench.device import BufferSpec, Launch, ProgramSpec, local, reads, updates, writes
 from gibench.errors import CannotRun
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.srp.common import (
@@ -22,13 +21,6 @@ from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes, pack_simt
 from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
-
-_CHUNK: Final = 512
-"""Samples of a part of the probe update at most, in 6 KB of local memory: a unit of 64 KB holds
-ten groups."""
-_PROBE_TEAM: Final = 64
-"""Work-items of a group of the probe update: the coefficients of order 7, and a multiple
-of every SIMD width there is."""
 
 
 class Simt:
@@ -94,7 +86,7 @@ class Simt:
             border: texels to dilate.
         """
         s, stored, of = sizes, storage_dtype(storage), BufferSpec.of
-        parts = -(-s.samples // probe_chunk(s.samples))
+        parts = -(-s.samples // shape.chunk(s.samples))
         return [
             FrameLightmap.map_buffer("radiance", texels + s.samples + 1),
             of("relight_source", (s.probes, s.samples), np.int32),
@@ -128,21 +120,20 @@ class Simt:
         return np.ascontiguousarray(planes.transpose(0, 2, 1))
 
     def _probe_update(self) -> Sequence[Launch]:
-        sizes, profile, held = self.given.sizes, self.given.scene.device.profile, self._held
-        team = _probe_team(self.given.scene.device, self.given.workgroup_size)
-        chunk = probe_chunk(sizes.samples)
-        partial = 12 * team if team >= 2 * sizes.coefficients else 4
-        if 12 * chunk + partial > profile.local_memory_bytes:
+        sizes, shape, held = self.given.sizes, self._shape, self._held
+        if shape.samples < 1:
+            profile = self.given.scene.device.profile
             raise CannotRun(
-                f"a group's samples and sums take {12 * chunk + partial:,} bytes of local memory; "
-                f"profile {profile.name} has {profile.local_memory_bytes:,}",
+                f"a group's sums and a sample take {12 * (shape.update_team + 1):,} bytes of local "
+                f"memory; profile {profile.name} has {profile.local_memory_bytes:,}",
                 mend="lower --workgroup-size",
             )
+        chunk = shape.chunk(sizes.samples)
         defines: dict[str, int | str] = {
             "SAMPLES": sizes.samples,
             "CHUNK": chunk,
             "COEFFICIENTS": sizes.coefficients,
-            "TEAM": team,
+            "TEAM": shape.update_team,
             **self.given.blocked_defines,
         }
         program, turns = ProgramSpec("srp/simt_probes.cl", defines), self.given.turns
@@ -154,7 +145,7 @@ class Simt:
             *self.given.blocked_args,
             writes("sums", held["lambda_parts"]),
             local("gathered", 12 * chunk),
-            local("partial", partial),
+            local("partial", 12 * shape.update_team),
         )
         sums = (
             reads("updated", turns.state),
@@ -168,9 +159,11 @@ class Simt:
                 "probe_update",
                 products,
                 groups=lambda: turns.count() * parts,
-                workgroup_size=team,
+                workgroup_size=shape.update_team,
             ),
-            Launch(program, "add_parts", sums, groups=turns.count, workgroup_size=team),
+            Launch(
+                program, "add_parts", sums, groups=turns.count, workgroup_size=shape.update_team
+            ),
         ]
 
     def _projected(self) -> Sequence[Launch]:
@@ -234,16 +227,3 @@ class Simt:
                 workgroup_size=self._shape.tile,
             )
         ]
-
-
-def probe_chunk(samples: int) -> int:
-    """Samples of a part of a probe's."""
-    return min(_CHUNK, -(-samples // 2))
-
-
-def _probe_team(device: Device, workgroup_size: int) -> int:
-    """Work-items of a group of the probe update, no more than asked: on a CPU that vectorises over
-    work-items one vector, whose work-items sum several coefficients each.
-    """
-    gpu = max(_PROBE_TEAM, device.profile.simd_width)
-    return min(workgroup_size, device.lanes_together if device.lanes_together > 1 else gpu)
