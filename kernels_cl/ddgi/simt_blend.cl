@@ -5,7 +5,7 @@
 // texels: one texel after the other, whose list all work-items read, while neighbours are neighbouring
 // probes, whose rays lie beside each other. Once they have their sums they change places in local
 // memory, so that neighbours then are neighbouring texels of one map. Macros: LANES, TEXELS, TEAM (the
-// work-group's size in the products).
+// work-group's size in the products), LISTED (rays at a time as lists are made).
 #include "ddgi/rays.cl"
 #include "ddgi/texel.cl"
 
@@ -16,44 +16,61 @@
 //   The rays whose cosine with the texel's direction is above `least`, in their order, and their
 //   weights: the cosine itself, or the power of it that distances are weighed by where `sharp`.
 // lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
-// staged: 3 floats per work-item. counted: a word per work-item.
+// Neighbours compute neighbouring rays' cosines; then each lists a run of them, behind what those
+// before it list. staged: 3 * LISTED floats; cosines: LISTED; counted: a word per work-item.
 __kernel void blend_weights(__global const float *directions, int side, int sharp, float least,
                             __global int *lengths, __global int *list_rays,
                             __global float *list_weights, __local float *staged,
-                            __local uint *counted)
+                            __local float *cosines, __local uint *counted)
 {
-    const int item = get_local_id(0), size = get_local_size(0), texel = get_group_id(0);
+    const size_t item = get_local_id(0), size = get_local_size(0);
+    const int texel = get_group_id(0);
     const float3 towards = texel_direction(texel, side);
-    __global int *own_rays = list_rays + texel * LIST_LENGTH;
-    __global float *own_weights = list_weights + texel * LIST_LENGTH;
+    __global int *own_rays = list_rays + (size_t)texel * LIST_LENGTH;
+    __global float *own_weights = list_weights + (size_t)texel * LIST_LENGTH;
     int length = 0;
-    for (int first = 0; first < BLENDED; first += size) {
-        const int count = min(size, BLENDED - first);
-        for (int i = item; i < 3 * count; i += size)
-            staged[i] = directions[3 * (FIXED + first) + i];
+    for (int first = 0; first < BLENDED; first += LISTED) {
+        const int count = min(LISTED, BLENDED - first);
+        __global const float *from = directions + 3 * (FIXED + first);
+        for (size_t turn = 0; turn < (size_t)(3 * count); turn += size)
+            if (turn + item < (size_t)(3 * count))
+                staged[turn + item] = from[turn + item];
         barrier(CLK_LOCAL_MEM_FENCE);
-        const int at = 3 * min(item, count - 1);
-        const float cosine = dot(towards, (float3)(staged[at], staged[at + 1], staged[at + 2]));
-        const bool counts = item < count && cosine > least;
-        counted[item] = counts ? 1u : 0u;
+        for (size_t turn = 0; turn < (size_t)count; turn += size)
+            if (turn + item < (size_t)count) {
+                __local const float *d = staged + 3 * (turn + item);
+                cosines[turn + item] = dot(towards, (float3)(d[0], d[1], d[2]));
+            }
         barrier(CLK_LOCAL_MEM_FENCE);
-        // Each adds up the others', all reading the same one: two barriers, where a scan takes more
+        const int run = (count + (int)size - 1) / (int)size;
+        const int begin = min((int)item * run, count), end = min(begin + run, count);
+        uint own = 0;
+        for (int i = begin; i < end; ++i)
+            own += cosines[i] > least ? 1 : 0;
+        counted[item] = own;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        // Each adds up the others', all reading the same one: no barrier more, where a scan takes more
         // than its additions.
         int before = 0, all = 0;
-        for (int other = 0; other < size; ++other) {
+        for (size_t other = 0; other < size; ++other) {
             const int one = counted[other];
             before += other < item ? one : 0;
             all += one;
         }
-        if (counts) {
-            own_rays[length + before] = first + item;
-            own_weights[length + before] = sharp ? cosine_power(cosine) : cosine;
+        int at = length + before;
+        for (int i = begin; i < end; ++i) {
+            const float cosine = cosines[i];
+            if (cosine > least) {
+                own_rays[at] = first + i;
+                own_weights[at] = sharp ? cosine_power(cosine) : cosine;
+                ++at;
+            }
         }
         length += all;
         barrier(CLK_LOCAL_MEM_FENCE);
     }
     const int whole = (length + LIST_STEP - 1) / LIST_STEP * LIST_STEP;
-    for (int i = length + item; i < whole; i += size) {
+    for (int i = length + (int)item; i < whole; i += (int)size) {
         own_rays[i] = 0;
         own_weights[i] = 0.0f;
     }

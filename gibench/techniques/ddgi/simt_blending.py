@@ -11,6 +11,8 @@ from gibench.techniques.ddgi.probes import Probes
 
 _WEIGHTS_GROUP: Final = 64
 """Work-items that make a texel's list: a multiple of every SIMD width there is."""
+_LISTED: Final = 512
+"""Rays at a time as lists are made, at most: 8 KB of local memory."""
 _TEXELS: Final = 8
 """Texels of a group, so that a map is written in pieces of 32 bytes and more."""
 
@@ -27,14 +29,23 @@ class Simt(Tuned):
     def __init__(self, probes: Probes, workgroup_size: int) -> None:
         super().__init__(probes)
         self._team = min(self.lanes, workgroup_size)
+        self._listed = min(probes.settings.blended, _LISTED)
 
     def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
         launch = super()._weights(name, side, sharp, least)
-        size = min(_WEIGHTS_GROUP, self.probes.device.profile.max_workgroup_size)
+        device = self.probes.device
+        # One vector of a CPU that vectorises over work-items: each adds up what the others count.
+        wanted = device.lanes_together if device.lanes_together > 1 else _WEIGHTS_GROUP
+        size = min(wanted, device.profile.max_workgroup_size)
         return replace(
             launch,
             program=self._simt_program(),
-            args=(*launch.args, local("staged", 12 * size), local("counted", 4 * size)),
+            args=(
+                *launch.args,
+                local("staged", 12 * self._listed),
+                local("cosines", 4 * self._listed),
+                local("counted", 4 * size),
+            ),
             items=None,
             groups=side**2,
             workgroup_size=size,
@@ -56,5 +67,6 @@ class Simt(Tuned):
             **self.probes.defines(self.lanes),
             "TEXELS": _TEXELS,
             "TEAM": self._team,
+            "LISTED": self._listed,
         }
         return ProgramSpec("ddgi/simt_blend.cl", defines)
