@@ -104,17 +104,13 @@ def width_of(cl_device: Any, layout: Layout) -> int:
     return min(max(native, LEAST_WIDE), _MOST_WIDE)
 
 
-def is_processor(cl_device: Any) -> bool:
-    """Whether kernels run on the host's own kind of processor."""
-    return bool(cl_device.type & cl.device_type.CPU)
-
-
 def lanes_together(cl_device: Any) -> int:
     """Work-items that a device computes in whole vectors only, those left over one by one: on a CPU
     that would rather vectorise over work-items (Intel's runtime) as many floats as its registers
     hold; elsewhere 1.
     """
-    if not is_processor(cl_device) or int(cl_device.preferred_vector_width_float) >= LEAST_WIDE:
+    scalar = int(cl_device.preferred_vector_width_float) < LEAST_WIDE
+    if not scalar or not cl_device.type & cl.device_type.CPU:
         return 1
     return min(max(int(cl_device.native_vector_width_float), 1), _MOST_WIDE)
 

@@ -17,7 +17,6 @@ from gibench.device.build import (
     Define,
     Layout,
     build_program,
-    is_processor,
     lanes_together,
     macro_options,
     preferred_layout,
@@ -106,11 +105,6 @@ class Device:
     def lanes_together(self) -> int:
         """Work-items that are computed in whole vectors only (:func:`lanes_together`)."""
         return lanes_together(self.cl_device)
-
-    @property
-    def is_processor(self) -> bool:
-        """Whether it is the host's own kind of processor."""
-        return is_processor(self.cl_device)
 
     # -- buffers -----------------------------------------------------------------------------
 

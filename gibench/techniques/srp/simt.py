@@ -173,7 +173,7 @@ class Simt:
             "COEFFICIENTS": self.given.sizes.coefficients,
             "TEAM": shape.team,
             "EACH": shape.each,
-            "FETCHES": int(self.given.scene.device.is_processor),
+            "FETCHES": int(self._shape.together > 1),
         }
         program = ProgramSpec("srp/simt_projection.cl", defines)
         products = (
@@ -208,7 +208,7 @@ class Simt:
     def _transported(self) -> Sequence[Launch]:
         defines: dict[str, int | str] = {
             "STORAGE": storage_macro(self.given.storage),
-            "FETCHES": int(self.given.scene.device.is_processor),
+            "FETCHES": int(self._shape.together > 1),
             **self.given.indirect.macros,
         }
         args = (
