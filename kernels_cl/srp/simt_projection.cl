@@ -1,7 +1,7 @@
 // Cluster projection for devices that run work-items in lockstep: a work-item per row, neighbours on
 // neighbouring rows, no barrier and no local memory.
-// Macros: STORAGE, FETCHES (srp/storage.cl), COEFFICIENTS (of a probe), TEAM (the work-group's size),
-// EACH (rows of a work-item, TEAM apart: 1 or 2; a tile has TEAM * EACH rows at most).
+// Macros: STORAGE, FETCHES (srp/storage.cl), COEFFICIENTS (of a probe), TEAM (work-items of a
+// group that compute), EACH (rows of a work-item, TEAM apart: 1 or 2; a tile has TEAM * EACH rows at most).
 //
 // Where clusters are few they fill no GPU, so the columns of a tile are cut into pieces of some probes,
 // a work-group each; a second kernel adds their sums up. Where a tile is one piece, there is nothing to
@@ -137,6 +137,8 @@ __kernel void add_pieces(__global const int *row_tiles, __global const float *pa
     const size_t item = get_local_id(0);
     __global const int *tile = row_tiles + ROW_TILE_INTS * get_group_id(0);
     const int slots = tile[SLOTS], rows = tile[OF_ROWS];
+    if (item >= TEAM)
+        return;
 #pragma unroll
     for (int turn = 0; turn < TILE_ROWS; turn += TEAM) {
         __global const float *sums = partial + (size_t)tile[FIRST_SLOT] * (3 * TILE_ROWS) + turn;

@@ -33,10 +33,7 @@ class Simt(Tuned):
 
     def _weights(self, name: str, side: int, sharp: bool, least: float) -> Launch:
         launch = super()._weights(name, side, sharp, least)
-        device = self.probes.device
-        # One vector of a CPU that vectorises over work-items: each adds up what the others count.
-        wanted = device.lanes_together if device.lanes_together > 1 else _WEIGHTS_GROUP
-        size = min(wanted, device.profile.max_workgroup_size)
+        size = min(_WEIGHTS_GROUP, self.probes.device.profile.max_workgroup_size)
         return replace(
             launch,
             program=self._simt_program(),

@@ -45,7 +45,8 @@ class SimtShape:
     """Sizes that the kernels are compiled for.
 
     Attributes:
-        team: work-items of a group of the projection.
+        group: work-items of a group of the projection.
+        team: those of them that compute.
         each: rows of one of them.
         tile: receivers of a tile, and work-items of a group of the transport.
         together: work-items that are computed in whole vectors only (``Device.lanes_together``).
@@ -54,6 +55,7 @@ class SimtShape:
             group's sums.
     """
 
+    group: int
     team: int
     each: int
     tile: int
@@ -64,21 +66,16 @@ class SimtShape:
     @staticmethod
     def of(profile: DeviceProfile, workgroup_size: int, together: int = 1) -> SimtShape:
         """What suits a profile, with groups no larger than asked. On a CPU that vectorises over
-        work-items a group of the projection is one vector, whose work-items have two rows each:
-        what all read of the probes' light serves both; one of the probe update likewise.
+        work-items one vector of a group projects, whose work-items have two rows each: what all
+        read of the probes' light serves both. The others end at once.
         """
-        team, each, update = (
-            max(_TEAM, profile.simd_width),
-            1,
-            max(_UPDATE_TEAM, profile.simd_width),
-        )
-        if together > 1:
-            team, each, update = together, _EACH, together
-        update = min(workgroup_size, update)
+        group = min(workgroup_size, max(_TEAM, profile.simd_width))
+        update = min(workgroup_size, max(_UPDATE_TEAM, profile.simd_width))
         room = profile.local_memory_bytes // 12 - update
         return SimtShape(
-            team=min(workgroup_size, team),
-            each=each,
+            group=group,
+            team=min(group, together) if together > 1 else group,
+            each=_EACH if together > 1 else 1,
             tile=min(workgroup_size, max(_TILE, profile.simd_width)),
             together=together,
             update_team=update,

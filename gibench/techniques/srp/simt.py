@@ -197,7 +197,7 @@ class Simt:
                 kernel,
                 args,
                 groups=held[table].shape[0],
-                workgroup_size=shape.team,
+                workgroup_size=shape.group,
             )
             for kernel, table, args in (
                 ("cluster_projection", "row_pieces", products),
