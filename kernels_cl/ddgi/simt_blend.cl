@@ -16,8 +16,9 @@
 //   The rays whose cosine with the texel's direction is above `least`, in their order, and their
 //   weights: the cosine itself, or the power of it that distances are weighed by where `sharp`.
 // lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
-// Neighbours compute neighbouring rays' cosines; then each lists a run of them, behind what those
-// before it list. staged: 3 * LISTED floats; cosines: LISTED; counted: a word per work-item.
+// Neighbours compute neighbouring rays' cosines; then each counts a run of them and finds their
+// places, behind those of the runs before. staged: 3 * LISTED floats; cosines: LISTED; counted: a word
+// per work-item.
 __kernel void blend_weights(__global const float *directions, int side, int sharp, float least,
                             __global int *lengths, __global int *list_rays,
                             __global float *list_weights, __local float *staged,
@@ -57,13 +58,19 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
             before += other < item ? one : 0;
             all += one;
         }
-        int at = length + before;
+        // A ray's place takes that of its direction; neighbours then store to neighbouring places.
+        float at = (float)(length + before);
         for (int i = begin; i < end; ++i) {
-            const float cosine = cosines[i];
-            if (cosine > least) {
-                own_rays[at] = first + i;
-                own_weights[at] = sharp ? cosine_power(cosine) : cosine;
-                ++at;
+            staged[3 * i] = at;
+            at += cosines[i] > least ? 1.0f : 0.0f;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (size_t turn = 0; turn < (size_t)count; turn += size) {
+            const size_t i = turn + item;
+            if (i < (size_t)count && cosines[i] > least) {
+                const int place = (int)staged[3 * i];
+                own_rays[place] = first + (int)i;
+                own_weights[place] = sharp ? cosine_power(cosines[i]) : cosines[i];
             }
         }
         length += all;
