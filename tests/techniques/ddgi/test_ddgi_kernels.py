@@ -276,7 +276,7 @@ def test_lists_of_rays_by_groups(rng, scene, sharp, size):
     s, found = state_of(technique), []
     names = ("lengths", "list_rays", "list_weights")
     by_group = blending._weights("distance", side, sharp, least)
-    args = (*by_group.args[:-2], local("staged", 12 * size), local("counted", 4 * size))
+    args = (*by_group.args[:-1], local("counted", 4 * size))
     alone = Tuned._weights(blending, "distance", side, sharp, least)
     for launch in (replace(by_group, args=args, workgroup_size=size), alone):
         held = {a.name: a.value for a in launch.args if a.name in names}
