@@ -94,7 +94,8 @@ def run(
         bool,
         typer.Option(
             "--quality/--no-quality",
-            help="Compare the last frame with a quick path-traced truth (5 %, cached).",
+            help="Compare each technique's settled light, lights as in frame 0, with a quick "
+            "path-traced truth (5 %, cached).",
             rich_help_panel=options.OUTPUT,
         ),
     ] = True,

@@ -17,14 +17,13 @@ from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.axes import axes_of
-from gibench.measure.runfolder.results import OK
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.report.advice import advice_report, plot_advice
 from gibench.report.limits import LEAK, Limit, lifted, read_limits
 from gibench.report.projected import PROJECTED, ranking_section
 from gibench.report.tables import csv_text
-from gibench.study.advise import RECEIVER_SHARES, advice, misfit, sweep
+from gibench.study.advise import RECEIVER_SHARES, advice, competing, misfit, sweep
 from gibench.study.quality import check_views, compare, group_of
 from gibench.study.quality_rows import QualityOptions, columns
 from gibench.study.regions import WHOLE
@@ -176,7 +175,7 @@ def advise(
     if rows.empty:
         raise Interrupted("interrupted before anything was measured")
     table = advice(rows, limits)
-    more = lifted(table[table["status"] == OK], limits)
+    more = lifted(table[competing(table)], limits)
     error: GibenchError | None
     if part is not None:  # which is best is known when all are there
         error = _interrupted(len(table), len(own), folder.path) if outcome.interrupted else None

@@ -93,7 +93,7 @@ _NOTHING_MORE = "No single one would let in anything that is nearer to the truth
 def _lines(table: pd.DataFrame) -> list[str]:
     lines = ["| " + " | ".join(_HEAD) + " | note |", "|" + " --- |" * (len(_HEAD) + 1)]
     for _, row in table.iterrows():
-        note = str(row["reason"] or "").replace("|", "\\|")
+        note = _note(row).replace("|", "\\|")
         lines.append("| " + " | ".join([*_cells(row), note]) + " |")
     return lines
 
@@ -103,9 +103,9 @@ def show_advice(
 ) -> None:
     """The same on the terminal, and the best that fits in a sentence."""
     out = console()
-    shown = Table(*_HEAD)
+    shown = Table(*_HEAD, "note")
     for _, row in table.iterrows():
-        shown.add_row(*(escape(cell) for cell in _cells(row)))
+        shown.add_row(*(escape(cell) for cell in (*_cells(row), _note(row))))
     out.print(shown)
     if table["fits"].any():
         best = table[table["fits"]].iloc[0]
@@ -117,8 +117,11 @@ def show_advice(
             f"{100 * best['rel_l2']:.1f} %",
             soft_wrap=True,
         )
-    for _, row in more.iterrows():
-        out.print(escape(lifted_in_words(row)), soft_wrap=True)
+    told = [lifted_in_words(row) for _, row in more.iterrows()]
+    if not told and not table["fits"].any():
+        told = [f"{_NOTHING_MORE}."]
+    for line in told:
+        out.print(escape(line), soft_wrap=True)
     out.print(
         f"times measured on {escape(machine)} under the limits of profile {escape(profile)}; none "
         "is a time of the modelled device",
@@ -177,6 +180,11 @@ def plot_advice(path: Path, table: pd.DataFrame, limits: Sequence[Limit], machin
         "Labelled: the front, which nothing beats in all of these and the error. Times of "
         f"{machine}, not of the modelled device.",
     )
+
+
+def _note(row: pd.Series) -> str:
+    """Why it did not run, or ran and is passed over; empty where it competes."""
+    return str(row["reason"] or row["passed_over"] or "")
 
 
 def _cells(row: pd.Series) -> list[str]:

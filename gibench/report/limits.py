@@ -46,6 +46,11 @@ class Metric:
         """A figure with its unit."""
         return f"{value:{self.form}} {self.unit}".replace("% ", " % ").strip()
 
+    def told_up(self, value: float) -> str:
+        """A figure with its unit, rounded up: as a limit it lets ``value`` in."""
+        steps = 10.0 ** (int(self.form[1]) + 2 * self.form.endswith("%"))
+        return self.told(math.ceil(value * steps * (1 - 1e-12)) / steps)
+
 
 METRICS = {
     one.name: one
@@ -127,7 +132,7 @@ def _read(text: str) -> Limit:
         raise BadInput(f"'{value}' is not a number", where=f"--budget {text}") from None
     if not (math.isfinite(most) and most > 0):
         raise BadInput(
-            f"a budget of {most:g} is met by nothing",
+            f"{most:g} is no budget",
             where=f"--budget {text}",
             mend="give more than 0",
         )
@@ -196,9 +201,10 @@ def lifted(table: pd.DataFrame, limits: Sequence[Limit]) -> pd.DataFrame:
 def lifted_in_words(row: Mapping[str, Any] | pd.Series) -> str:
     """A row of :func:`lifted` as a sentence."""
     metric = METRICS[str(row["limit"])]
-    most, needed = (Limit(metric, row["most"]).told(), metric.told(float(row["needed"])))
+    most, needed = (Limit(metric, row["most"]).told(), metric.told_up(float(row["needed"])))
+    by = max(1, round(100 * row["by"]))
     return (
-        f"with {needed} instead of {most} (+{100 * row['by']:.0f} %) {row['technique']} "
+        f"with {needed} instead of {most} (+{by} %) {row['technique']} "
         f"({row['settings']}) at {int(row['receivers']):,} receivers would fit, "
         f"{100 * row['rel_l2']:.1f} % off the truth"
     )

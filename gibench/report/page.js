@@ -255,18 +255,14 @@ function roofline() {
     .map(p => ({ ...p, of: title(c), run: c.run, technique: c.technique, hollow: c.variant === "published" })));
   const place = $("#roofline .plot");
   if (!points.length) { place.append("No pass of these runs declares both bytes and flops."); return; }
-  const passes = new Map(); // of each technique: its n-th pass has the n-th shape
-  for (const p of points) {
-    if (!passes.has(p.technique)) passes.set(p.technique, []);
-    if (!passes.get(p.technique).includes(p.name)) passes.get(p.technique).push(p.name);
-  }
-  const mark = p => element("path", { d: SHAPES[passes.get(p.technique).indexOf(p.name) % SHAPES.length],
-    fill: p.hollow ? "var(--ground)" : techniqueColor(p.technique), "stroke-width": p.hollow ? 2 : 1,
-    stroke: p.hollow ? techniqueColor(p.technique) : "var(--ground)" });
+  const techniques = [...new Set(points.map(p => p.technique))]; // the n-th has the n-th shape
+  const mark = (p, fill = color(p.name)) => element("path", {
+    d: SHAPES[techniques.indexOf(p.technique) % SHAPES.length], fill: p.hollow ? "var(--ground)" : fill,
+    "stroke-width": p.hollow ? 2 : 1, stroke: p.hollow ? fill : "var(--ground)" });
+  legend($("#roofline .legend"), [...new Set(points.map(p => p.name))], color);
   const key = (p, text) => $("#roofline .legend").append(element("span", { class: "key" },
-    element("svg", { viewBox: "-8 -8 16 16", width: 16, height: 16, "aria-hidden": "true" }, mark(p)), text));
-  for (const [technique, names] of passes)
-    for (const name of names) key({ technique, name, hollow: false }, `${technique} ${name}`);
+    element("svg", { viewBox: "-8 -8 16 16", width: 16, height: 16, "aria-hidden": "true" }, mark(p, "var(--soft)")), text));
+  for (const technique of techniques) key({ technique, hollow: false }, technique);
   const published = points.find(p => p.hollow);
   if (published) key(published, "hollow: published");
   const width = 1100, height = 460, left = 66, bottom = 44;

@@ -42,7 +42,7 @@ _FRAME_COLUMNS = {
     "rest": "rest",
     "frames_to_rest": "frames to rest",
     "ms_to_rest": "ms to rest",
-    "within_budget": "within 33.3 ms",
+    "within_budget": "within budget",
     "longest_ms": "longest ms",
     "stutter": "stutter",
     "pace": "pace",
@@ -163,7 +163,7 @@ def _answer(name: str, run: LoadedRun, found: Answer) -> dict[str, Any]:
         "run": name,
         "sentence": found.sentence,
         "projected": found.projected,
-        "columns": ["run", "configuration", *headings()],
+        "columns": ["run", "configuration", *headings(found.table)],
         "rows": rows,
     }
 

@@ -124,7 +124,8 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
     technique was at rest when it was timed, ``frames_to_rest`` and ``ms_to_rest`` what filling took
     until then; blank where it does not tell, and in runs from before it did. Where a pass could not
     run there is no whole frame, so the times are blank. ``within_budget`` is the share of frames of
-    at most ``REAL_TIME_MS``, ``stutter`` the largest ratio of neighbours; ``budget`` and ``pace``
+    at most :func:`frame_budget_ms`, ``stutter`` the largest ratio of neighbours; ``budget`` and
+    ``pace``
     judge them where the machine was timed beside them (:mod:`gibench.measure.statistics.worst`).
 
     Args:
@@ -145,7 +146,7 @@ def frames_table(samples: pd.DataFrame, record: Mapping[str, Any]) -> pd.DataFra
             row |= {
                 **asdict(summary),
                 **_steadiness(walls),
-                **_worst(walls, entry),
+                **_worst(walls, entry, frame_budget_ms(record)),
                 "fps": 1e3 / summary.median_ms,
                 "real_time": bool(summary.median_ms <= REAL_TIME_MS),
                 "gi_ms": gi_ms[entry["configuration"]],
@@ -173,10 +174,18 @@ def gi_ms_of(samples: pd.DataFrame, record: Mapping[str, Any]) -> dict[int, floa
     return found
 
 
-def _worst(walls: npt.NDArray[np.float64], entry: Mapping[str, Any]) -> dict[str, Any]:
+def frame_budget_ms(record: Mapping[str, Any]) -> float:
+    """What a frame of a run may take, ms: as it was asked for (``--budget-ms``)."""
+    asked = record.get("arguments", {}).get("budgets") or {}
+    return float(asked.get("frame_ms", REAL_TIME_MS))
+
+
+def _worst(
+    walls: npt.NDArray[np.float64], entry: Mapping[str, Any], budget_ms: float
+) -> dict[str, Any]:
     """The worst frames; judged where constant work was timed beside them, as in flight."""
     own, beside = (entry.get(name) or () for name in ("own_ms", "beside_ms"))
-    found = asdict(worst_frames(walls, own, beside, REAL_TIME_MS))
+    found = asdict(worst_frames(walls, own, beside, budget_ms))
     return found if beside else {**found, "budget": None, "pace": None}
 
 

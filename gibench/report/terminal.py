@@ -13,8 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from gibench.measure.runfolder.axes import recorded_axes, recorded_counts
-from gibench.measure.statistics.summary import REAL_TIME_MS
 from gibench.report.figures import number, percent
+from gibench.report.tables import frame_budget_ms
 from gibench.report.which_one import PROJECTED_GI, Answer, shown
 from gibench.techniques.registry import axis_title
 
@@ -39,7 +39,7 @@ def show_run(passes: pd.DataFrame, frames: pd.DataFrame, record: Mapping[str, An
         out.print(_frame_line(frame, record["environment"]["cpu"]), soft_wrap=True)
         if told := rest_line(frame):
             out.print(told, soft_wrap=True)
-        if told := worst_line(frame):
+        if told := worst_line(frame, frame_budget_ms(record)):
             out.print(told, soft_wrap=True)
         if frame["reason"]:
             out.print(
@@ -93,14 +93,14 @@ def rest_line(frame: pd.Series) -> str:
     return f"at rest after {frames:,} frames, {frame['ms_to_rest']:,.0f} ms"
 
 
-def worst_line(frame: pd.Series) -> str:
+def worst_line(frame: pd.Series, budget_ms: float) -> str:
     """The worst frames, in words; empty where they were not judged."""
     if pd.isna(frame.get("pace")):
         return ""
     alone = frame.get("machine_stutter")
     machine = "" if pd.isna(alone) else f"; the machine alone {number(alone, 1)} times"
     return (
-        f"worst: {100 * frame['within_budget']:.1f} % of frames within {REAL_TIME_MS} ms "
+        f"worst: {100 * frame['within_budget']:.1f} % of frames within {budget_ms:g} ms "
         f"({frame['budget']}), longest {frame['longest_ms']:.1f} ms, {frame['stutter']:.1f} times "
         f"its neighbour at most ({frame['pace']}{machine})"
     )

@@ -38,6 +38,10 @@ of the surface) to leak to; ``uncovered`` of the receivers that a technique says
 ``unsettled`` says after how many frames it was not, and is empty where it was."""
 
 
+A_HUNDRED = 100
+"""Frames without which nothing is known of one in a hundred: the longest is told instead."""
+
+
 @dataclass(frozen=True)
 class Budgets:
     """What a frame may take, ms: in all, and for global illumination."""
@@ -53,10 +57,11 @@ class Answer:
     Attributes:
         scene: its name.
         profile: its name.
-        table: a row per configuration: name, gi_ms, frame_ms, worst_ms (the time that 1 % of frames
-            exceed), memory_mib, bake_seconds, rel_l2, bias, leak, dark_area, uncovered, projected
-            (GI on devices that are not here, in words), error (in words, where there is no figure),
-            status (why it does not compete; empty where it does).
+        table: a row per configuration: name, gi_ms, frame_ms, frames, worst_ms (the time that 1 %
+            of frames exceed; the longest of fewer than ``A_HUNDRED``), memory_mib, bake_seconds,
+            rel_l2, bias, leak, dark_area, uncovered, projected (GI on devices that are not here, in
+            words), error (in words, where there is no figure), status (why it does not compete;
+            empty where it does).
         sentence: the answer.
         projected: what projected ranges alone say of the modelled devices; empty where there are
             none.
@@ -115,7 +120,8 @@ def _rows(
             "name": _name(row, group, record),
             "gi_ms": row["gi_ms"],
             "frame_ms": row["median_ms"],
-            "worst_ms": row["p99_ms"],
+            "frames": row["frames"],
+            "worst_ms": row["p99_ms"] if row["frames"] >= A_HUNDRED else row["longest_ms"],
             "memory_mib": row["memory_bytes"] / 2**20,
             "bake_seconds": entries[number].get("bake_seconds"),
             "rel_l2": float("nan") if unsettled else error.get("rel_l2", float("nan")),
@@ -249,17 +255,23 @@ PROJECTED_GI = "PROJECTED GI"
 """Heading of what was never measured."""
 
 
-def headings() -> Sequence[str]:
-    """Of the rows that :func:`cells` gives."""
+def headings(table: pd.DataFrame) -> Sequence[str]:
+    """Of the rows of an answer's ``table`` that :func:`cells` gives."""
+    few = table["frames"][table["frames"] < A_HUNDRED]
+    worst = "worst 1 % of frames ms"
+    if len(few) == len(table):
+        worst = f"longest of {', '.join(map(str, sorted(set(few))))} frames ms"
+    elif len(few):
+        worst += f" (longest of fewer than {A_HUNDRED})"
     return (
-        *("technique", "GI ms", "worst 1 % of frames ms", "frame ms", "MiB", "bake s", "error"),
+        *("technique", "GI ms", worst, "frame ms", "MiB", "bake s", "error"),
         *("bias", "leak", "not covered", PROJECTED_GI, "remark"),
     )
 
 
 def shown(found: Answer) -> tuple[list[str], list[list[str]]]:
     """Headings and rows to read; without projected ranges where there are none."""
-    titles = list(headings())
+    titles = list(headings(found.table))
     rows = [cells(row) for _, row in found.table.iterrows()]
     at = titles.index(PROJECTED_GI)
     if not any(row[at] for row in rows):

@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from gibench.errors import CannotRun
 from gibench.measure.plan.grid import Settings, grid
+from gibench.measure.runfolder.results import OK
 from gibench.profiles import DeviceProfile
 from gibench.report.limits import METRICS as LIMITED
 from gibench.report.limits import Limit, front_of, in_limits, over
@@ -81,8 +83,10 @@ def advice(rows: pd.DataFrame, limits: Sequence[Limit]) -> pd.DataFrame:
     """The table of what was tried, best error first among what fits, then the rest by how far it is
     over.
 
-    Two columns are added: ``fits`` (it meets all limits, and memory that of the profile, or it
-    would not have run) and ``pareto`` (nothing else is better in all that the front is of).
+    Three columns are added: ``passed_over`` (why it does not compete, as in ``gibench run``: it has
+    no global illumination or has not settled; empty where it does), ``fits`` (it competes and meets
+    all limits, and memory that of the profile, or it would not have run) and ``pareto`` (nothing
+    else is better in all that the front is of).
 
     Args:
         rows: of ``quality.csv``; those of regions are left out.
@@ -93,9 +97,10 @@ def advice(rows: pd.DataFrame, limits: Sequence[Limit]) -> pd.DataFrame:
         if name not in table:
             table[name] = float("nan")
         table[name] = pd.to_numeric(table[name])
-    ran = (table["status"] == "ok").to_numpy()
+    ran = (table["status"] == OK).to_numpy()
+    table["passed_over"] = [_passed_over(row) for _, row in table.iterrows()]
     far = over(table, limits)
-    table["fits"] = ran & (far <= 1)
+    table["fits"] = competing(table) & (far <= 1)
     costs = np.stack([metric.of(table) for metric in front_of(limits)], axis=1)
     known = np.isfinite(costs[ran]).any(axis=0) if ran.any() else np.ones(costs.shape[1], bool)
     table["pareto"] = pareto_front(costs[:, known])
@@ -109,10 +114,17 @@ def misfit(table: pd.DataFrame, limits: Sequence[Limit]) -> CannotRun | None:
     """What to say where no setting meets the limits: which comes nearest; None where one does."""
     if table["fits"].any():
         return None
-    ran = table[table["status"] == "ok"].reset_index(drop=True)
-    if ran.empty:
+    if not (table["status"] == OK).any():
         reason = table.iloc[0]["reason"] if len(table) else "nothing was tried"
         return CannotRun(f"nothing could run: {reason}")
+    ran = table[competing(table)].reset_index(drop=True)
+    if ran.empty:
+        row = table[table["status"] == OK].iloc[0]
+        return CannotRun(
+            f"nothing with global illumination ran and settled: {in_words(row)}: "
+            f"{row['passed_over']}",
+            mend="raise --frames, or name other techniques",
+        )
     far = over(ran, limits)
     nearest = int(np.argmin(far))
     row = ran.iloc[nearest]
@@ -122,6 +134,21 @@ def misfit(table: pd.DataFrame, limits: Sequence[Limit]) -> CannotRun | None:
         f"{costs}, {far[nearest]:.2f} times over",
         mend="raise a budget, or lower --resolution or --receivers",
     )
+
+
+def competing(table: pd.DataFrame) -> npt.NDArray[np.bool_]:
+    """Which rows (n,) of :func:`advice` ran and are not passed over."""
+    return np.asarray((table["status"] == OK) & (table["passed_over"] == ""), np.bool_)
+
+
+def _passed_over(row: pd.Series) -> str:
+    if row["status"] != OK:
+        return ""
+    if row["gi_ms"] == 0:
+        return "no global illumination"
+    if str(row.get("settled", True)) == "False":
+        return f"not settled after {int(row['frames'])} frames"
+    return ""
 
 
 def in_words(row: Mapping[str, Any] | pd.Series) -> str:

@@ -140,18 +140,14 @@ def test_selects_and_points_are_reached(shown: Browser) -> None:
     assert "GFLOP/s" in shown.ask("document.querySelector('#tip').textContent")
 
 
-def test_techniques_have_colours_of_their_own(shown: Browser) -> None:
-    colors = shown.ask(
+def test_techniques_have_shapes_of_their_own(shown: Browser) -> None:
+    shapes = shown.ask(
         "Object.fromEntries([...document.querySelectorAll('#roofline .key')].map(k =>"
-        " [k.textContent, $('path', k).getAttribute('fill')]))"
+        " [k.textContent, $('path', k).getAttribute('d')]))"
     )
-    of = {}
-    for label, color in colors.items():
-        of.setdefault(label.split()[0], set()).add(color)
-    of.pop("hollow:", None)
-    assert set(of) == {"srp", "gibs", "ddgi"}  # direct declares no flops
-    assert all(len(each) == 1 for each in of.values())
-    assert len(set.union(*of.values())) == len(of)
+    shapes.pop("hollow: published", None)
+    assert set(shapes) == {"srp", "gibs", "ddgi"}  # direct declares no flops
+    assert len(set(shapes.values())) == len(shapes)
 
 
 def test_a_newcomer_finds_the_answer_and_the_samples_behind_it(shown: Browser) -> None:
@@ -186,12 +182,21 @@ def test_a_pass_has_one_colour_and_no_two_in_a_legend_share_one(shown: Browser) 
         "s.style.getPropertyValue('--c')]))"
     )
     bars = dict(legends[0])
-    assert len(bars) == len(legends[0]) == len(set(bars.values())) > 8
+    assert len(bars) > 8 and len(legends) > 2
+    for legend in legends:
+        own = dict(legend)
+        assert len(own) == len(legend) == len(set(own.values())), own
     drawn = shown.ask(
         "[...document.querySelectorAll('#bars rect')].map(r =>"
         " [r.getAttribute('aria-label').split(':')[0], r.getAttribute('fill')])"
     )
     assert drawn and all(bars[name] == color for name, color in drawn)
+    points = shown.ask(
+        "[...document.querySelectorAll('#roofline svg [tabindex]')].map(g => "
+        "[g.getAttribute('aria-label').split(' (')[0], $('path', g)].map(x => typeof x == 'string' "
+        "? x : [x.getAttribute('fill'), x.getAttribute('stroke')]))"
+    )
+    assert points and all(bars[name] in drawn_with for name, drawn_with in points)
     dots = shown.ask("DATA.configurations.flatMap(c => c.passes.map(p => color(p.name)))")
     assert set(dots) == set(bars.values()) - {"var(--line)"}
 

@@ -118,8 +118,8 @@ def test_a_browser_draws_it_without_a_complaint(runs: list[Path]) -> None:
         timeout=60,
     )
     assert "CONSOLE" not in ran.stderr
-    # Bars, distributions, roofline with a mark for each of two passes, errors, projected ranges.
-    assert ran.stdout.count("<svg") == 5 + 2
+    # Bars, distributions, roofline with a mark for its technique, errors, projected ranges.
+    assert ran.stdout.count("<svg") == 5 + 1
     # Frames, passes, Which one of two runs, and projected ranges.
     assert ran.stdout.count("<tr") == 2 + 4 + 8 + 2 * (1 + 2) + (1 + 3)
     assert ran.stdout.count('class="bad"') == 2 + 4

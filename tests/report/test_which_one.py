@@ -26,6 +26,8 @@ def frame(number: int, technique: str, gi: float, ms: float, **changes: Any) -> 
         "gi_ms": gi,
         "median_ms": ms,
         "p99_ms": 1.5 * ms,
+        "longest_ms": 2.0 * ms,
+        "frames": 100,
         "memory_bytes": 3 << 20,
         "rest": "",
         "status": "ok",
@@ -97,7 +99,7 @@ def test_what_has_not_settled_does_not_compete() -> None:
     assert "one (" not in found.sentence
     first = found.table.iloc[0]
     assert pd.isna(first["rel_l2"])
-    assert cells(first)[headings().index("error")] == "not settled after 512 frames"
+    assert cells(first)[headings(found.table).index("error")] == "not settled after 512 frames"
     timed = [frame(1, "one", 1.0, 9.0, rest="not at rest after 80 frames"), rows[1]]
     assert asked(timed).table["status"][0] == "not settled after 80 frames"
     moving = [frame(1, "one", 1.0, 9.0, rest="never at rest: lights move"), rows[1]]
@@ -122,8 +124,8 @@ def test_names_say_what_differs() -> None:
 
 
 def test_a_row_has_its_figures() -> None:
-    row = asked([frame(1, "one", 1.234, 9.0)], {1: 0.2}).table.iloc[0]
-    told = dict(zip(headings(), cells(row), strict=True))
+    found = asked([frame(1, "one", 1.234, 9.0)], {1: 0.2})
+    told = dict(zip(headings(found.table), cells(found.table.iloc[0]), strict=True))
     assert told["GI ms"] == "1.23"
     assert told["worst 1 % of frames ms"] == "13.50"
     assert told["MiB"] == "3.0"
@@ -132,12 +134,21 @@ def test_a_row_has_its_figures() -> None:
     assert told["bias"] == "-20.0 %"
 
 
+def test_of_few_frames_the_longest_is_told_and_called_so():
+    few = asked([frame(1, "one", 1.0, 9.0, frames=30), frame(2, "two", 1.0, 9.0, frames=7)])
+    told = dict(zip(headings(few.table), cells(few.table.iloc[0]), strict=True))
+    assert told["longest of 7, 30 frames ms"] == "18.00"
+    mixed = asked([frame(1, "one", 1.0, 9.0, frames=30), frame(2, "two", 1.0, 9.0)])
+    at = headings(mixed.table).index("worst 1 % of frames ms (longest of fewer than 100)")
+    assert [cells(row)[at] for _, row in mixed.table.iterrows()] == ["18.00", "13.50"]
+
+
 def test_leak_is_told_where_there_is_anywhere_to_leak_to() -> None:
     rows = [frame(n, f"t{n}", 1.0, 9.0) for n in (1, 2, 3)]
     leaks = {1: (0.034, 0.2), 2: (NAN, 0.0)}
     unsettled = {3: "not settled after 512 frames"}
     found = asked(rows, {1: 0.1, 2: 0.1, 3: 0.1}, unsettled, leaks=leaks | {3: (0.5, 0.2)})
-    at = headings().index("leak")
+    at = headings(found.table).index("leak")
     assert [cells(row)[at] for _, row in found.table.iterrows()] == ["3.4 %", "-", ""]
     assert cells(asked(rows[:1]).table.iloc[0])[at] == ""
 

@@ -58,6 +58,28 @@ ROWS = pd.DataFrame(
 )
 
 
+def test_what_has_no_light_or_has_not_settled_is_passed_over():
+    rows = pd.DataFrame(
+        [
+            row("direct", 1.0, 5, 1.0, gi_ms=0.0, settled=True, frames=8),
+            row("early", 2.0, 5, 0.01, gi_ms=1.0, settled=False, frames=16),
+            row("slow", 50.0, 5, 0.1, gi_ms=20.0, settled=True, frames=64),
+        ]
+    )
+    table = advice(rows, within(33.3))
+    assert not table["fits"].any()
+    told = dict(zip(table["technique"], table["passed_over"], strict=True))
+    assert told == {
+        "direct": "no global illumination",
+        "early": "not settled after 16 frames",
+        "slow": "",
+    }
+    assert "nearest is slow" in str(misfit(table, within(33.3)))
+    assert fits(advice(rows, within(60.0))) == {"slow"}
+    few = advice(rows[:2], within(33.3))
+    assert "nothing with global illumination ran and settled" in str(misfit(few, within(33.3)))
+
+
 def within(ms):
     return read_limits(ms, None, ())
 
@@ -128,6 +150,11 @@ def test_what_one_limit_lifted_would_let_in():
     said = lifted_in_words(more.iloc[0])
     assert said.startswith("with 4.00 ms of global illumination instead of 3 ms of global")
     assert "(+33 %) b (default) at 1,000 receivers would fit, 10.0 % off the truth" in said
+    # As told, the raised limit lets it in.
+    close = dict(more.iloc[0], limit="frame_ms", most=33.3, needed=33.349, by=33.349 / 33.3 - 1)
+    assert lifted_in_words(close).startswith(
+        "with 33.4 ms a frame instead of 33.3 ms a frame (+1 %)"
+    )
     # What fits is the truest already: nothing to gain.
     limits = read_limits(None, None, ["gi_ms=3", "memory_mib=50"])
     assert lifted(advice(MANY, limits), limits).empty
@@ -142,7 +169,11 @@ def test_wrong_budgets_are_told_in_one_line(tmp_path, capsys):
         "speed=3": "no metric called 'speed'",
         "leak": "is no budget",
         "leak=much": "is not a number",
-        **{f"{name}={value}": "met by nothing" for name in METRICS for value in ("0", "-1", "nan")},
+        **{
+            f"{name}={value}": f"{value} is no budget"
+            for name in METRICS
+            for value in ("0", "-1", "nan")
+        },
     }
     for budget, what in wrong.items():
         assert call(["advise", *SMALL, *cache, "--budget", budget]) == 2
@@ -195,7 +226,11 @@ def test_advise_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert "has the least error within 10000 ms a frame" in " ".join(told.split())
     assert "none is a time of the modelled device" in " ".join(told.split())
     table = pd.read_csv(tmp_path / "a/advice.csv")
-    assert table["fits"].all() and table["rel_l2"].is_monotonic_increasing
+    assert dict(zip(table["technique"], table["fits"], strict=True)) == {
+        "srp": True,
+        "direct": False,
+    }
+    assert "no global illumination" in (tmp_path / "a/advice.md").read_text()
     for name in ("advice.md", "pareto.png", "pareto.svg"):
         assert (tmp_path / "a" / name).stat().st_size > 500
     monkeypatch.setattr(quality, "settle", None)  # another budget measures nothing again
@@ -226,10 +261,10 @@ def test_an_interrupted_advice_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(quality, "settle", once_interrupted)
     command = [
         "advise",
-        *SMALL[:8],
-        *SMALL[-2:],
-        "-t",
-        "direct",
+        *SMALL[:10],
+        *SMALL[12:],
+        "--probes",
+        "6",
         "--variant",
         "published",
         "--variant",

@@ -80,7 +80,7 @@ def test_a_run_ends_with_its_answer(tmp_path: Path) -> None:
     assert list(errors["configuration"]) == [1]
     assert 0 < errors["rel_l2"][0] < 1
     assert errors["dark_area"][0] == 0 and pd.isna(errors["leak"][0])
-    assert cells(answer.table.iloc[0])[headings().index("leak")] == "-"
+    assert cells(answer.table.iloc[0])[headings(answer.table).index("leak")] == "-"
     told = errors["unsettled"][0]
     assert ddgi["status"] == (told if isinstance(told, str) else "")
     report = (tmp_path / "run" / "report.md").read_text()
