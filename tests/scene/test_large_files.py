@@ -24,6 +24,7 @@ from gibench.scene.readers import backs, obj
 from gibench.scene.readers.clean import CleanMesh
 from gibench.scene.readers.defaults import size_remarks
 from gibench.scene.readers.obj_blocks import blocks
+from gibench.scene.readers.obj_colors import vertex_colors
 
 ODD_LINES = (
     "# a comment",
@@ -54,11 +55,13 @@ def _text(rng: np.random.Generator, unsound: bool) -> str:
     lines = []
     for _ in range(12):
         count = int(rng.integers(1, 40))
-        kind = rng.choice(["v", "v color", "v w", "vt", "vn", "f", "f/", "f//", "f///", "quad"])
-        numbers = np.round(rng.normal(size=(count, 6)), 3)
+        kinds = ["v", "v color", "v alpha", "v w", "vt", "vn", "f", "f/", "f//", "f///", "quad"]
+        kind = rng.choice(kinds)
+        numbers = np.round(rng.normal(size=(count, 7)), 3)
         number = rng.integers(1, 60, (count, 4)) * (1 if rng.random() < 0.8 else -1)
         for row, at in zip(numbers.tolist(), number.tolist(), strict=True):
-            width = {"v": 3, "v color": 6, "v w": 4, "vt": 2, "vn": 3}.get(str(kind))
+            widths = {"v": 3, "v color": 6, "v alpha": 7, "v w": 4, "vt": 2, "vn": 3}
+            width = widths.get(str(kind))
             if width:
                 lines.append(" ".join([str(kind).split()[0], *map(str, row[:width])]))
             else:
@@ -82,8 +85,8 @@ def _read(text: str, whole_blocks_from: int) -> object:
         key: obj._triangles(faces, arrays["v"])[0].tolist() for key, faces in plain.faces.items()
     }
     numbers = {name: rows.tolist() for name, rows in arrays.items()}
-    colors = obj._colors(plain, len(arrays["v"]))
-    others = (plain.out_of_range, plain.not_faces, plain.ignored_lines)
+    colors, said = vertex_colors(plain.colors, len(arrays["v"]))
+    others = (plain.out_of_range, plain.not_faces, plain.ignored_lines, plain.unread, said)
     return numbers, triangles, None if colors is None else colors.tolist(), others
 
 

@@ -245,7 +245,7 @@ def test_statements_of_materials_that_are_not_read(tmp_path: Path, lines: str, w
 def test_statements_of_objects_that_are_not_read(tmp_path: Path) -> None:
     text = QUAD + "s 1\nbevel on\nF 1 2 3\ncall b.obj\ncall b.obj\nfo 1 2 3\nf 1 3 4\n"
     scene = _obj(tmp_path, "Kd 1 1 1", text)
-    assert "3 statements not read (call, F)" in scene.warnings
+    assert "3 statements not known, left out (call, F)" in scene.warnings
     assert len(scene.triangles) == 2
 
 

@@ -102,7 +102,7 @@ def _remarks(plain: _Plain, crossing: int) -> list[str]:
         said.append(f"{counted(plain.ignored_lines, 'line')} of points, lines or curves ignored")
     if plain.unread:
         told = ", ".join([keyword for keyword, _ in plain.unread.most_common(5)])
-        said.append(f"{counted(plain.unread.total(), 'statement')} not read ({told})")
+        said.append(f"{counted(plain.unread.total(), 'statement')} not known, left out ({told})")
     if crossing:
         said.append(
             f"{counted(crossing, 'polygon')} without an area, or crossing its own outline: taken "
