@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gibench.cli import options
+from gibench.cli import flight, motion, options
 from gibench.errors import printable
 
 _NONE: list[str] = []
@@ -67,6 +67,10 @@ def explain(
     ] = None,
     resolution: options.Resolution = "1334x750",
     camera: options.CameraChoice = None,
+    camera_path: flight.CameraPathChoice = "rest",
+    rest_frames: flight.RestFrames = 0,
+    flight_frames: flight.FlightFrames = 240,
+    moving: motion.MotionChoice = "rest",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -92,6 +96,8 @@ def explain(
 
       gibench explain -t srp -t ddgi --device-profile vega56
 
+      gibench explain -t srp -s hall --motion scene
+
       gibench explain --kernel mine.cl:blur --arg image=1048576 --arg out=1048576 --arg width=1024
     """
     from gibench.commands.explain import explain as explained
@@ -113,6 +119,10 @@ def explain(
         frame=frame,
         resolution=resolution,
         camera=camera,
+        camera_path=camera_path,
+        rest_frames=rest_frames,
+        flight_frames=flight_frames,
+        motion=moving,
         out=out,
         seed=seed,
         cache_dir=cache_dir,

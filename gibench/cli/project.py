@@ -21,18 +21,19 @@ def project(
 
     Traces the launches of one frame of every configuration (kept in the cache, so once), and puts
     what they do to memory through a model of each device at every value that its figures may have.
-    Writes projected.csv into the run's folder. Nothing of it is measured. Needs the extra
-    'project'.
+    Writes projected.csv into the run's folder, and ratios.csv: how many times as long as the
+    cheapest each configuration takes. Nothing of it is measured. Needs the extra 'project'.
 
     Example:
 
       gibench project results/runs/20260101T120000Z-iphone7 -d titan-x-pascal -d iphone7
     """
     from gibench.commands.project import project as projected
-    from gibench.report.projected_terminal import show_projection
+    from gibench.report.projected_terminal import show_projection, show_ratios
 
     tell = (lambda _: None) if quiet else (lambda text: typer.echo(text, err=True))
     result = projected(run, device_profile, cache_dir, tell)
     if not quiet:
         show_projection(result.table)
+        show_ratios(result.ratios)
         typer.echo(f"see {printable(str(result.folder / 'projected.csv'))}")

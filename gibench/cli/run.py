@@ -206,9 +206,11 @@ def run(
 
         show_run(result.passes, result.frames, result.record)
         if result.projected is not None:
-            from gibench.report.projected_terminal import show_projection
+            from gibench.report.projected_terminal import show_projection, show_ratios
 
             show_projection(result.projected)
+        if result.ratios is not None:
+            show_ratios(result.ratios)
         show_answers(result.answers)
         for line in result.left_out:
             typer.echo(line)

@@ -13,8 +13,9 @@ from gibench.commands import asked
 from gibench.commands.frame_traces import trace_frame, warmed_up
 from gibench.device import Device
 from gibench.device.selection import select_cl_device
-from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
+from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError, printable
 from gibench.measure.plan.grid import with_layouts
+from gibench.measure.runfolder.folder import SCHEMA_VERSION
 from gibench.measure.session.enqueue import PreparedPass
 from gibench.measure.session.session import Session, check_job
 from gibench.measure.session.shared import Shared
@@ -65,6 +66,10 @@ def explain(
     frame: int | None = None,
     resolution: str | tuple[int, int] = "1334x750",
     camera: str | int | None = None,
+    camera_path: str = "rest",
+    rest_frames: int = 0,
+    flight_frames: int = 240,
+    motion: str = "rest",
     out: str | Path | None = None,
     seed: int = 0,
     cache_dir: str | Path | None = None,
@@ -78,6 +83,7 @@ def explain(
     """
     given = locals()
     arguments = asked.recorded(given, "variant", "frame", "arg", "items")
+    arguments["motion"] = printable(Path(motion).name)
     arguments |= {"command": "explain", "kernel": [Path(k).name for k in asked.several(kernel)]}
     require_extra()
     profile = asked.load_profiles([device_profile])[0]
@@ -102,6 +108,7 @@ def explain(
         for file, name in files
     ]
     folder = asked.folder_for(out, "explain", [profile.name], arguments)
+    folder.write_record({"schema_version": SCHEMA_VERSION, "arguments": arguments})
     for request in own:
         rows.append(_own_row(request, profile))
     for job in jobs:

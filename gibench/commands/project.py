@@ -11,6 +11,7 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.commands.frame_traces import TracedLaunch, trace_frame, warmed_up
+from gibench.commands.projected_ratios import Whole, ratio_table
 from gibench.commands.run_files import write_tables
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, GibenchError
@@ -24,7 +25,7 @@ from gibench.measure.session.shared import Shared
 from gibench.profiles import MACHINE_FIGURES, DeviceProfile, Machine
 from gibench.project.model import Times, launch_times
 from gibench.project.ranges import UNKNOWN, Total, range_of, ratio, together
-from gibench.report.projected import COLUMNS, PROJECTED, RANKED, WHOLE_FRAME, WHOLE_GI
+from gibench.report.projected import COLUMNS, PROJECTED, RANKED, RATIOS, WHOLE_FRAME, WHOLE_GI
 from gibench.report.tables import csv_text
 from gibench.techniques.job import AUTO, Job
 from gibench.techniques.technique import GI
@@ -46,10 +47,29 @@ class Projection:
     Attributes:
         folder: of the run; has ``projected.csv``.
         table: a row for each configuration, device and pass, and for whole frames and their GI.
+        ratios: of whole frames and their GI to the cheapest configuration's, of each device.
     """
 
     folder: Path
     table: pd.DataFrame = field(repr=False)
+    ratios: pd.DataFrame = field(repr=False)
+
+
+@dataclass(frozen=True)
+class ProjectedRun:
+    """Rows of ``projected.csv`` and of ``ratios.csv``."""
+
+    table: pd.DataFrame
+    ratios: pd.DataFrame
+
+    def write(self, folder: RunFolder) -> None:
+        """Put both into a run's folder.
+
+        Raises:
+            GibenchError: the disk refuses.
+        """
+        folder.write_text(PROJECTED, csv_text(self.table))
+        folder.write_text(RATIOS, csv_text(self.ratios))
 
 
 @dataclass(frozen=True)
@@ -80,12 +100,12 @@ def project(
     record = read_record(path)
     shared = Shared(asked.cache_folder(cache_dir), int(record["seed"]))
     jobs = jobs_of_record(record, path, shared)
-    table = project_jobs(jobs, record, profiles, shared, select_cl_device(None), tell)
+    found = project_jobs(jobs, record, profiles, shared, select_cl_device(None), tell)
     folder = RunFolder(path)
-    folder.write_text(PROJECTED, csv_text(table))
+    found.write(folder)
     if (path / SAMPLES).is_file():
         write_tables(folder, record)  # its report has them too
-    return Projection(path, table)
+    return Projection(path, found.table, found.ratios)
 
 
 def machine_profiles(names: Sequence[str]) -> list[DeviceProfile]:
@@ -159,8 +179,8 @@ def project_jobs(
     shared: Shared,
     cl_device: Any,
     tell: Tell = lambda _: None,
-) -> pd.DataFrame:
-    """The rows of ``projected.csv``, for the configurations that ran.
+) -> ProjectedRun:
+    """The rows of ``projected.csv`` and ``ratios.csv``, for the configurations that ran.
 
     Args:
         jobs: of the run, by number of the configuration; those that ran.
@@ -171,6 +191,7 @@ def project_jobs(
         tell: is told how far it is.
     """
     rows: list[Row] = []
+    wholes: list[Whole] = []
     fit = bool(record["arguments"].get("fit"))
     for entry in record["configurations"]:
         if entry["status"] != OK:
@@ -178,11 +199,13 @@ def project_jobs(
         job = jobs[entry["configuration"]]
         tell(f"tracing {job_label(job, entry['scene'])}")
         head = {name: entry[name] for name in ("configuration", "technique", "variant", "scene")}
-        head["layout"] = entry.get("layout")
-        head["profile"] = job.profile.name
+        head |= {"layout": entry.get("layout"), "profile": job.profile.name}
         for profile, found, stages in project_job(job, profiles, shared, cl_device, fit):
-            rows += _rows(head | {"device": profile.name}, found, stages, profile)
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+            here = head | {"device": profile.name}
+            rows += _rows(here, found, stages, profile)
+            gi = {WHOLE_GI: found.gi} if GI in stages.values() else {}
+            wholes.append(Whole(here, {**gi, WHOLE_FRAME: found.frame}))
+    return ProjectedRun(pd.DataFrame(rows, columns=list(COLUMNS)), ratio_table(wholes))
 
 
 def project_job(

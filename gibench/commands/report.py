@@ -9,16 +9,21 @@ from pathlib import Path
 from gibench.commands import asked
 from gibench.errors import BadInput
 from gibench.measure.runfolder.folder import write_atomically
-from gibench.report.loaded import QUALITY, LoadedRun, answers_of, load_quality, load_run
+from gibench.report.loaded import (
+    QUALITY,
+    LoadedRun,
+    answers_of,
+    load_quality,
+    load_run,
+    projected_text,
+)
 from gibench.report.markdown import report as markdown
 from gibench.report.page import page
-from gibench.report.projected import projected_section
 
 
 def _markdown(run: LoadedRun) -> str:
     found = answers_of(run.path, run.record, run.frames)
-    text = markdown(run.passes, run.frames, run.record, found)
-    return text if run.projected is None else f"{text}\n{projected_section(run.projected)}"
+    return markdown(run.passes, run.frames, run.record, found) + projected_text(run.path)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -29,7 +29,6 @@ from gibench.measure.statistics.summary import REAL_TIME_MS
 from gibench.profiles import DeviceProfile
 from gibench.report.images import ImageWriter
 from gibench.report.loaded import ERRORS, answers_of
-from gibench.report.projected import PROJECTED
 from gibench.report.tables import csv_text
 from gibench.report.which_one import ERROR_COLUMNS, GI_BUDGET_MS, Answer, Budgets
 from gibench.scene.load import names_apart
@@ -40,6 +39,9 @@ from gibench.techniques.registry import find_technique, techniques
 from gibench.techniques.technique import GI
 from gibench.trace.extra import require_extra
 from gibench.work import Executor, Worker
+
+if TYPE_CHECKING:
+    from gibench.commands.project import ProjectedRun
 
 _LOG = logging.getLogger(__name__)
 
@@ -62,6 +64,7 @@ class RunResult:
             interrupted. What was measured is in the tables all the same.
         ran: configurations of which frames were measured.
         projected: ranges on devices that are not here, where they were asked for.
+        ratios: of projected times to the cheapest configuration's.
         answers: which technique fits, for each scene and profile.
         left_out: techniques that nobody named and the scene does not suit, with why.
     """
@@ -74,6 +77,7 @@ class RunResult:
     error: GibenchError | None
     ran: int
     projected: pd.DataFrame | None = field(default=None, repr=False)
+    ratios: pd.DataFrame | None = field(default=None, repr=False)
     answers: list[Answer] = field(default_factory=list, repr=False)
     left_out: tuple[str, ...] = ()
 
@@ -180,8 +184,8 @@ def run(
     result = _result(folder.path, measured, left_out, interrupted)
     if not projected_on or not result.ran or measured.outcome.interrupted:
         return result
-    table = _project(folder, measured, projected_on, shared, cl_device)
-    return replace(result, projected=table)
+    found = _project(folder, measured, projected_on, shared, cl_device)
+    return replace(result, projected=found.table, ratios=found.ratios)
 
 
 def _projected_on(names: Sequence[str]) -> list[DeviceProfile]:
@@ -199,15 +203,15 @@ def _project(
     profiles: Sequence[DeviceProfile],
     shared: Shared,
     cl_device: Any,
-) -> pd.DataFrame:
+) -> ProjectedRun:
     """Project what ran, and add it to the folder and its report."""
     from gibench.commands.project import project_jobs
 
     jobs = {one.number: one.job for one in measured.outcome.results}
-    table = project_jobs(jobs, measured.record, profiles, shared, cl_device)
-    folder.write_text(PROJECTED, csv_text(table))
+    found = project_jobs(jobs, measured.record, profiles, shared, cl_device)
+    found.write(folder)
     write_tables(folder, measured.record)
-    return table
+    return found
 
 
 def _result(

@@ -9,9 +9,8 @@ from typing import Any
 import pandas as pd
 
 from gibench.measure.runfolder.folder import SAMPLES, RunFolder
-from gibench.report.loaded import answers_of, projected_in
+from gibench.report.loaded import answers_of, projected_text
 from gibench.report.markdown import report
-from gibench.report.projected import projected_section
 from gibench.report.roofline import write_roofline
 from gibench.report.tables import csv_text, frames_table, passes_table
 
@@ -29,9 +28,7 @@ def write_tables(folder: RunFolder, record: Mapping[str, Any]) -> None:
     found = answers_of(folder.path, record, frames)
     table = pd.concat([one.table.assign(scene=one.scene, profile=one.profile) for one in found])
     folder.write_text("which.csv", csv_text(table))
-    text = report(passes, frames, record, found)
-    if (projected := projected_in(folder.path)) is not None:
-        text += "\n" + projected_section(projected)
+    text = report(passes, frames, record, found) + projected_text(folder.path)
     folder.write_text("report.md", text)
 
 

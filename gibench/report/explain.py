@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 
 from gibench.profiles import DeviceProfile
+from gibench.report.occupancy import GROUPS, LOCAL, held, waves_of
 from gibench.trace.facts import CACHE_BYTES, AccessFacts, LaunchFacts, SimdFacts
 
 KINDS = ("load", "store", "atomic")
@@ -61,11 +62,17 @@ def row(facts: LaunchFacts, profile: DeviceProfile) -> dict[str, Any]:
         "outside": facts.outside,
         "local_bytes": facts.local_bytes,
         "groups_per_unit": facts.groups / profile.compute_units,
-        "groups_that_fit_local": (
-            profile.local_memory_bytes // facts.local_bytes if facts.local_bytes else math.nan
-        ),
-        "waves_per_group": -(-facts.items // profile.simd_width),
+        "waves_per_group": waves_of(facts, profile),
     }
+    unit = held(facts, profile)
+    if unit is not None:
+        found |= {
+            "groups_that_fit_local": unit.fit_local if facts.local_bytes else math.nan,
+            "groups_held": unit.groups,
+            "work_items_held": unit.groups * facts.items,
+            "waves_held_share": unit.share,
+            "held_by": unit.held_by,
+        }
     return found
 
 
@@ -200,12 +207,25 @@ def _dram(facts: LaunchFacts, declared: float) -> list[str]:
 
 
 def _local(facts: LaunchFacts, profile: DeviceProfile) -> list[str]:
-    if facts.local_bytes <= profile.local_memory_bytes / 2:
+    """That local memory, or the number of groups, leaves a unit half empty or more."""
+    low, unit, high = (held(facts, profile, end) for end in ("low", "nominal", "high"))
+    if low is None or unit is None or high is None or unit.share > 0.5:
         return []
-    return [
-        f"its {_bytes(facts.local_bytes)} of local memory let one group at a time onto a unit of "
-        f"{profile.name}"
-    ]
+    of = f"of the {unit.of_waves} waves that it has room for"
+    if unit.held_by == LOCAL:
+        least, most = sorted((low.groups, high.groups))
+        many = f"{least:,}" if least == most else f"{least:,} to {most:,}"
+        groups = "group" if most == 1 else "groups"
+        return [
+            f"its {_bytes(facts.local_bytes)} of local memory let {many} {groups} at a time onto a "
+            f"unit of {profile.name}: {unit.waves} {of}"
+        ]
+    if high.held_by == GROUPS and high.share <= 0.5:
+        return [
+            f"groups of {facts.items} work-items are small: a unit of {profile.name} holds "
+            f"{unit.groups} groups, so {unit.waves} {of}"
+        ]
+    return []
 
 
 def _bytes(count: int) -> str:
@@ -229,7 +249,7 @@ def show_explanation(table: pd.DataFrame, profile: DeviceProfile) -> None:
     shown = Table("pass", "kernel", "groups")
     for name in ("lines", "sectors", "lanes", "banks", "DRAM MB", "over declared", "Mflop"):
         shown.add_column(name, justify="right")
-    for name in ("M instr.", "atomics", "on one", "groups/unit"):
+    for name in ("M instr.", "atomics", "on one", "groups/unit", "held"):
         shown.add_column(name, justify="right")
     simd = 64 if profile.simd_width >= 64 else 32
     for _, each in table.iterrows():
@@ -250,6 +270,7 @@ def show_explanation(table: pd.DataFrame, profile: DeviceProfile) -> None:
             number(each["atomics"], 0),
             number(each["atomics_per_address"], 0),
             number(each["groups_per_unit"], 1),
+            number(each.get("groups_held", math.nan), 0),
         )
     if shown.row_count:
         out.print(shown)

@@ -11,7 +11,7 @@ import pandas as pd
 
 from gibench.errors import BadInput
 from gibench.measure.runfolder.stored_run import read_run
-from gibench.report.projected import PROJECTED
+from gibench.report.projected import PROJECTED, RATIOS, projected_section, ratios_section
 from gibench.report.tables import frames_table, passes_table
 from gibench.report.which_one import Answer, Budgets, answers
 
@@ -54,6 +54,15 @@ def projected_in(path: Path) -> pd.DataFrame | None:
     """The projected ranges of the run in ``path``; None where there are none."""
     file = path / PROJECTED
     return pd.read_csv(file) if file.is_file() else None
+
+
+def projected_text(path: Path) -> str:
+    """The sections of what is projected of the run in ``path``; empty where nothing is."""
+    if (projected := projected_in(path)) is None:
+        return ""
+    text, file = "\n" + projected_section(projected), path / RATIOS
+    ratios = ratios_section(pd.read_csv(file)) if file.is_file() else ""
+    return f"{text}\n{ratios}" if ratios else text
 
 
 @dataclass(frozen=True)

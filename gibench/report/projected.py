@@ -15,6 +15,19 @@ COLUMNS = (
     *("projected_low_ms", "projected_nominal_ms", "projected_high_ms"),
     *("bound_by", "driven_by", "verdict", "projection_reason"),
 )
+RATIOS = "ratios.csv"
+RATIO_COLUMNS = (
+    *("configuration", "technique", "variant", "layout", "scene", "profile", "device", "pass"),
+    *("cheapest", "cheapest_technique", "cheapest_variant"),
+    *("ratio_low", "ratio_nominal", "ratio_high", "verdict", "ratio_reason"),
+)
+"""Columns of the ratios of configurations to the cheapest of them."""
+RATIO_HEAD = ("configuration", "on", "pass", "PROJECTED ratio", "to", "slower")
+RATIO_WARNING = (
+    "How many times as long as the configuration with the lowest nominal time; what both do not "
+    "know of the device cancels, so these ranges are narrower than those of times. `sure`: it is "
+    "slower at 97.5 % of the points; `likely`: at 80 %."
+)
 RANKED = (
     *("rank", "technique", "variant", "settings", "receivers", "number", "device"),
     *("projected_low_ms", "projected_nominal_ms", "projected_high_ms"),
@@ -76,6 +89,51 @@ def projected_section(table: pd.DataFrame) -> str:
             *("" if pd.isna(row[name]) else row[name] for name in ("bound_by", "driven_by")),
         )
         lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def ratio_text(row: pd.Series) -> str:
+    """A ratio in words: ``1.3 to 2.9 times``."""
+    if pd.isna(row["ratio_low"]):
+        return "cannot tell"
+    text = f"{number(row['ratio_low'], 2)} to {number(row['ratio_high'], 2)} times"
+    middle = row["ratio_nominal"]
+    return text if pd.isna(middle) else f"{text} (about {number(middle, 2)})"
+
+
+def ratio_cells(table: pd.DataFrame) -> list[list[str]]:
+    """Rows of the ratios in words, under ``RATIO_HEAD``."""
+    return [
+        [
+            f"{row['configuration']}: {configuration_text(row)} {row['scene']}",
+            str(row["device"]),
+            str(row["pass"]),
+            ratio_text(row),
+            f"{row['cheapest']}: {row['cheapest_technique']} {row['cheapest_variant']}",
+            str(row["verdict"]),
+        ]
+        for _, row in table.iterrows()
+    ]
+
+
+def ratios_section(table: pd.DataFrame) -> str:
+    """The section of a report; empty where nothing is compared.
+
+    Args:
+        table: of ``ratios.csv``.
+    """
+    if table.empty:
+        return ""
+    lines = [
+        "## Projected ratios, not measured",
+        "",
+        RATIO_WARNING,
+        "",
+        "| " + " | ".join(RATIO_HEAD) + " |",
+        "|" + " --- |" * len(RATIO_HEAD),
+    ]
+    for cells in ratio_cells(table):
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines) + "\n"
 
 

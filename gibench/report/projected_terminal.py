@@ -6,7 +6,15 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
-from gibench.report.projected import WARNING, configuration_text, range_text, ranked_cells
+from gibench.report.projected import (
+    RATIO_HEAD,
+    RATIO_WARNING,
+    WARNING,
+    configuration_text,
+    range_text,
+    ranked_cells,
+    ratio_cells,
+)
 from gibench.report.terminal import console
 
 
@@ -44,3 +52,15 @@ def show_projection(table: pd.DataFrame) -> None:
         )
     out.print(shown)
     out.print(WARNING, soft_wrap=True)
+
+
+def show_ratios(table: pd.DataFrame) -> None:
+    """Ratios to the cheapest on the terminal; nothing where nothing is compared."""
+    if table.empty:
+        return
+    out = console()
+    shown = Table(*RATIO_HEAD, title="Projected ratios, not measured", title_justify="left")
+    for cells in ratio_cells(table):
+        shown.add_row(*(escape(cell) for cell in cells))
+    out.print(shown)
+    out.print(RATIO_WARNING, soft_wrap=True)

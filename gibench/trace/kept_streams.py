@@ -8,6 +8,7 @@ import hashlib
 import io
 from collections.abc import Sequence
 from dataclasses import fields
+from functools import cache as once
 from pathlib import Path
 from typing import Any
 
@@ -62,11 +63,11 @@ def streams_of(
 
 
 def request_key(request: TraceRequest, sampling: Sampling) -> str:
-    """A hash of everything that a trace depends on."""
+    """A hash of everything that a trace depends on, the compilers and the processor among them."""
     digest = hashlib.sha256(
         repr(
             (
-                *(VERSION, sampling, request.source, sorted(request.defines.items())),
+                *(VERSION, compilers(), sampling, request.source, sorted(request.defines.items())),
                 *(request.kernel, request.items, request.groups),
             )
         ).encode()
@@ -78,6 +79,26 @@ def request_key(request: TraceRequest, sampling: Sampling) -> str:
             digest.update(repr((data.dtype.str, data.shape)).encode())
             digest.update(data.reshape(-1).view(np.uint8).data)
     return digest.hexdigest()[:32]
+
+
+@once
+def compilers() -> tuple[str, ...]:
+    """What makes bitcode of a source and runs it: PoCL, llvmlite and its LLVM, the processor.
+
+    Raises:
+        CannotRun: there is no OpenCL device.
+    """
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    from gibench.device import list_devices
+
+    device = list_devices()[0]
+    return (
+        *(device.platform.version, device.version, device.driver_version),
+        *(llvmlite.__version__, str(llvm.llvm_version_info)),
+        *(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()),
+    )
 
 
 def _kept(path: Path) -> WaveStreams | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -17,6 +18,8 @@ from gibench.device import Device, Parameter, Program, ProgramSpec, build_progra
 from gibench.errors import BadInput
 from gibench.trace.request import TracedArgument, TraceRequest
 
+_LARGEST = 2 << 30
+"""Bytes of a buffer that is made up: each traced launch has copies of its buffers."""
 _TYPES: dict[str, type[np.generic]] = {
     "char": np.int8,
     "uchar": np.uint8,
@@ -47,12 +50,13 @@ def own_request(
         texts: ``NAME=VALUE``: a number for a number; for a pointer a number of elements (random in
             [0, 1) where they are floats, zeros otherwise; of local memory only their room), or a
             ``.npy`` file with its content.
-        items: work-items; by default the elements of its largest buffer.
+        items: work-items, whole groups of them; by default the elements of its largest buffer,
+            rounded up to whole groups.
         group: work-items per group.
 
     Raises:
-        BadInput: the file cannot be read or built, has no such kernel, or an argument is missing,
-            unknown or of the wrong kind.
+        BadInput: the file cannot be read or built, has no such kernel, an argument is missing,
+            unknown, of the wrong kind or out of range, or sizes do not go together.
     """
     import pyopencl as cl
 
@@ -74,12 +78,26 @@ def own_request(
         has = ", ".join(program.kernel_names)
         raise BadInput(f"has no kernel '{kernel}'", where=file, mend=f"it has {has}")
     parameters = program.parameters(kernel, program.kernel(kernel)) or ()
-    values = dict(_pair(text) for text in texts)
+    values: dict[str, str] = {}
+    for name, value in map(_pair, texts):
+        if name in values:
+            raise BadInput(f"--arg {name} is given twice", where=label)
+        values[name] = value
     if strangers := sorted(set(values) - {each.name for each in parameters}):
         names = ", ".join(each.name for each in parameters)
         raise BadInput(f"has no argument '{strangers[0]}'", where=label, mend=f"it has {names}")
     args = [_argument(each, values, label) for each in parameters]
     found = [a.data for a in args if isinstance(a.data, np.ndarray)]
+    if group > device.profile.max_workgroup_size:
+        raise BadInput(
+            str(device.profile.workgroup_size_problem(group)), where=label, mend="give less with -w"
+        )
+    if items is not None and items % group:
+        raise BadInput(
+            f"--items {items} is no multiple of the work-group size {group}",
+            where=label,
+            mend=f"give --items {-(-items // group) * group}, or another size with -w",
+        )
     count = items or max((len(data) for data in found), default=group)
     return TraceRequest(source, {}, kernel, args, group, (-(-count // group), 1), label)
 
@@ -120,23 +138,59 @@ def _argument(parameter: Parameter, values: Mapping[str, str], label: str) -> Tr
         )
     text = values[name]
     if parameter.is_pointer and text.endswith(".npy"):
-        return TracedArgument(name, _loaded(Path(text)), 0, not parameter.constant)
+        if parameter.is_local:
+            raise BadInput(
+                f"argument '{name}' is local memory, which no file fills",
+                where=label,
+                mend=f"give its number of elements, --arg {name}=ELEMENTS",
+            )
+        data = _loaded(Path(text), kind, width, parameter.type_name)
+        return TracedArgument(name, data, 0, not parameter.constant)
     try:
         number = float(text) if kind.kind == "f" and not parameter.is_pointer else int(text)
     except ValueError as error:
         raise BadInput(f"--arg {name}={text} is no number", where=label) from error
     if not parameter.is_pointer:
-        return TracedArgument(name, kind.type(number))
+        if width > 1:
+            raise BadInput(f"arguments of type {parameter.type_name} cannot be given", where=label)
+        return TracedArgument(name, _in_range(number, kind, f"--arg {name}={text}", label))
     count = int(number)
     if count < 1:
         raise BadInput(f"--arg {name}={text} is no number of elements", where=label)
+    nbytes = count * width * kind.itemsize
+    if nbytes > _LARGEST:
+        raise BadInput(
+            f"--arg {name}={text} is too large to trace: {nbytes / 1e9:,.1f} GB",
+            where=label,
+            mend=f"a buffer may have {_LARGEST // (width * kind.itemsize):,} elements",
+        )
     if parameter.is_local:
-        return TracedArgument(name, None, count * width * kind.itemsize)
+        return TracedArgument(name, None, nbytes)
     shape = (count, width) if width > 1 else (count,)
-    data: npt.NDArray[Any] = np.zeros(shape, kind)
+    made: npt.NDArray[Any] = np.zeros(shape, kind)
     if kind.kind == "f":
-        data = np.random.default_rng(0).random(shape).astype(kind)
-    return TracedArgument(name, data, 0, not parameter.constant)
+        made = np.random.default_rng(0).random(shape).astype(kind)
+    return TracedArgument(name, made, 0, not parameter.constant)
+
+
+def _in_range(number: float, kind: np.dtype[Any], told: str, label: str) -> np.generic:
+    """The number as the kernel's type has it.
+
+    Raises:
+        BadInput: the type cannot hold it.
+    """
+    low: float
+    high: float
+    if kind.kind == "f":
+        low, high = float(np.finfo(kind).min), float(np.finfo(kind).max)
+        holds = not math.isfinite(number) or low <= number <= high
+    else:
+        low, high = (0, 1) if kind.kind == "b" else (np.iinfo(kind).min, np.iinfo(kind).max)
+        holds = low <= number <= high
+    if not holds:
+        raise BadInput(f"{told} is out of range", where=label, mend=f"give {low} to {high}")
+    found: np.generic = kind.type(number)
+    return found
 
 
 def _element(name: str, label: str) -> tuple[np.dtype[Any], int]:
@@ -148,9 +202,24 @@ def _element(name: str, label: str) -> tuple[np.dtype[Any], int]:
     return np.dtype(_TYPES[match[1]]), 4 if width == 3 else width
 
 
-def _loaded(path: Path) -> npt.NDArray[Any]:
+def _loaded(path: Path, kind: np.dtype[Any], width: int, type_name: str) -> npt.NDArray[Any]:
+    """The content of a file for a buffer of elements of ``width`` numbers of ``kind``.
+
+    Raises:
+        BadInput: it cannot be read, is of another type, or holds no whole number of elements.
+    """
     try:
         data: npt.NDArray[Any] = np.load(path, allow_pickle=False)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError) as error:
         raise BadInput(f"cannot be read as an array ({error})", where=path) from error
-    return np.atleast_1d(data)
+    if data.dtype != kind:
+        raise BadInput(
+            f"holds {data.dtype}, and the kernel takes {type_name}: {kind}",
+            where=path,
+            mend=f"save it as numpy.{kind.name}",
+        )
+    if data.size == 0 or data.size % width:
+        raise BadInput(
+            f"holds {data.size:,} numbers, no whole number of elements of {width}", where=path
+        )
+    return np.ascontiguousarray(np.atleast_1d(data))

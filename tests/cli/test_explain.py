@@ -31,6 +31,14 @@ __kernel void astray(__global float *to, int far)
 """
 
 
+MOTION = """
+[[motion]]
+object = "short box"
+axis = [0, 1, 0]
+"""
+COLUMNS = ["--kernel", "{file}:columns", "--arg", "from=64", "--arg", "to=64"]
+
+
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     path = tmp_path / "mine.cl"
@@ -68,6 +76,19 @@ def test_every_pass_of_a_technique_is_explained(
         assert sentence[:60] in shown
 
 
+def test_passes_of_objects_and_materials_that_change_are_explained(tmp_path: Path) -> None:
+    motion = tmp_path / "moving.toml"
+    motion.write_text(MOTION, encoding="utf-8")
+    code, table = explained(
+        *(tmp_path, "-t", "direct", "--receivers", "400", "--resolution", "32x24", "--frame", "1"),
+        *("-w", "64", "--motion", str(motion), "--camera-path", "flight"),
+        *("--kernel", "rays/refit.cl:move_vertices"),
+    )
+    assert code == 0
+    assert table is not None
+    assert set(table["kernel"][table["status"] == "ok"]) == {"move_vertices"}
+
+
 def test_a_kernel_of_one_s_own_gets_a_sentence_to_act_on(tmp_path: Path, file: Path) -> None:
     code, table = explained(
         *(tmp_path, "--kernel", f"{file}:columns", "--arg", "from=65536", "--arg", "to=65536"),
@@ -98,6 +119,16 @@ def test_arrays_and_local_memory_are_given_by_name(tmp_path: Path, file: Path) -
     assert row["groups"] == 16
 
 
+def test_the_same_command_takes_over_its_own_folder_and_no_other(
+    tmp_path: Path, file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ("--kernel", f"{file}:astray", "--arg", "to=64", "--arg", "far=1", "-w", "64")
+    assert explained(tmp_path, *asked)[0] == 0
+    assert explained(tmp_path, *asked)[0] == 0
+    assert explained(tmp_path, *asked, "--items", "64")[0] == 2
+    assert "already holds another run" in capsys.readouterr().err
+
+
 def test_a_kernel_that_faults_is_a_row_and_exit_code_1(
     tmp_path: Path, file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +153,26 @@ def test_a_kernel_that_faults_is_a_row_and_exit_code_1(
         (["--kernel", "{file}:astray", "--arg", "to=x", "--arg", "far=1"], "to=x is no number"),
         (["--kernel", "{bad}:x"], r"does not build: line 1:\d+: use of undeclared identifier 'y'"),
         (["--arg", "n=2"], "--arg and --items are for a kernel of your own"),
+        ([*COLUMNS, "--arg", "n=5000000000"], "n=5000000000 is out of range; give -2147483648 to"),
+        ([*COLUMNS, "--arg", "n=2", "--arg", "n=3"], "--arg n is given twice"),
+        ([*COLUMNS, "--arg", "n=2", "--items", "64", "-w", "96"], "--items 64 is no multiple"),
+        ([*COLUMNS, "--arg", "n=2", "-w", "100000"], "work-group size 100000 is over"),
+        (
+            ["--kernel", "{file}:columns", "--arg", "to=64", "--arg", "from=999999999999"],
+            "from=999999999999 is too large to trace",
+        ),
+        (
+            ["--kernel", "{file}:columns", "--arg", "to=64", "--arg", "from={doubles}"],
+            "holds float64, and the kernel takes float",
+        ),
+        (
+            ["--kernel", "{file}:rows", "--arg", "to=64", "--arg", "from={odd}"],
+            "holds 7 numbers, no whole number of elements of 4",
+        ),
+        (
+            ["--kernel", "{file}:rows", "--arg=to=64", "--arg=from=64", "--arg=room={odd}"],
+            "'room' is local memory",
+        ),
         (["-t", "nothing"], "no technique called 'nothing'"),
     ],
 )
@@ -134,7 +185,10 @@ def test_wrong_input_is_one_line(
 ) -> None:
     bad = tmp_path / "bad.cl"
     bad.write_text("__kernel void x(__global int *a) { *a = y; }", encoding="utf-8")
-    given = [each.format(file=file, bad=bad) for each in arguments]
+    doubles, odd = tmp_path / "doubles.npy", tmp_path / "odd.npy"
+    np.save(doubles, np.ones(8))
+    np.save(odd, np.ones(7, np.float32))
+    given = [each.format(file=file, bad=bad, doubles=doubles, odd=odd) for each in arguments]
     code, _ = explained(tmp_path, *given)
     error = capfd.readouterr().err.strip()
     assert code == 2

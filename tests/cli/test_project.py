@@ -12,11 +12,21 @@ import pytest
 
 from gibench.cli.main import call
 from gibench.commands.project import Projected, ranked
+from gibench.commands.projected_ratios import Whole, ratio_table
 from gibench.errors import GibenchError
 from gibench.profiles import built_in_profiles, load_profile
 from gibench.project.ranges import Total
 from gibench.project.unknowns import POINTS
-from gibench.report.projected import COLUMNS, RANKED, projected_section, ranking_section
+from gibench.report.projected import (
+    COLUMNS,
+    RANKED,
+    RATIO_COLUMNS,
+    WHOLE_FRAME,
+    WHOLE_GI,
+    projected_section,
+    ranking_section,
+    ratios_section,
+)
 from gibench.trace import extra
 
 SMALL = ("-t", "direct", "--resolution", "48x32", "-n", "2", "-w", "64", "--quiet")
@@ -40,7 +50,8 @@ def test_a_run_is_projected_only_where_that_is_asked(tmp_path: Path, cache: Path
     assert not (cache / "traces").exists()
 
     out = tmp_path / "asked"
-    assert ran(out, cache, "--project", "iphone7", "--project", "titan-x-pascal") == 0
+    two = ("--variant", "tuned", "--variant", "published", "--layout", "wide")
+    assert ran(out, cache, *two, "--project", "iphone7", "--project", "titan-x-pascal") == 0
     table = pd.read_csv(out / "projected.csv")
     assert tuple(table.columns) == COLUMNS
     assert set(table["device"]) == {"iphone7", "titan-x-pascal"}
@@ -49,10 +60,18 @@ def test_a_run_is_projected_only_where_that_is_asked(tmp_path: Path, cache: Path
     wide = table["projected_high_ms"] > 3 * table["projected_low_ms"]
     assert table.loc[wide, "projected_nominal_ms"].isna().all()
     assert table.loc[~wide, "projected_nominal_ms"].notna().all()
-    frame = table[table["pass"] == "(frame)"].set_index("device")["projected_low_ms"]
+    assert set(table["layout"][table["variant"] == "tuned"]) == {"wide"}
+    frame = table[(table["pass"] == "(frame)") & (table["configuration"] == 1)]
+    frame = frame.set_index("device")["projected_low_ms"]
     assert frame["iphone7"] > frame["titan-x-pascal"]
     report = (out / "report.md").read_text()
     assert "## Projected, not measured" in report and "never measured" in report
+    ratios = pd.read_csv(out / "ratios.csv")
+    assert tuple(ratios.columns) == RATIO_COLUMNS
+    assert set(ratios["device"]) == {"iphone7", "titan-x-pascal"}
+    assert (ratios["pass"] == "(frame)").all()  # direct light has no GI
+    assert (ratios["ratio_low"] <= ratios["ratio_high"]).all()
+    assert "## Projected ratios, not measured" in report
     for name in ("passes.csv", "frames.csv", "samples.csv"):
         assert "projected" not in (out / name).read_text()
 
@@ -134,3 +153,37 @@ def test_settings_are_ranked_by_their_projected_gi(rng: np.random.Generator) -> 
     assert table["verdict"][3] == "cannot tell"
     text = ranking_section(table)
     assert "GI on vega56: projected, not measured" in text and "| cannot tell |" in text
+
+
+def test_configurations_are_compared_with_the_cheapest(rng: np.random.Generator) -> None:
+    device = np.exp(rng.normal(size=POINTS))  # far wider than any ratio of two on it
+    device[0] = 1.0
+
+    def whole(number: int, ms: float | None, scene: str = "hall", **changes) -> Whole:
+        head = dict.fromkeys(RATIO_COLUMNS[:7], "x")
+        head |= {"configuration": number, "technique": f"t{number}", "scene": scene}
+        if ms is None:
+            return Whole(head, {WHOLE_FRAME: GibenchError("too large to trace")})
+        total = Total(ms * device * changes.pop("own", 1.0), "DRAM", {}, **changes)
+        return Whole(head, {WHOLE_FRAME: total})
+
+    apart = np.exp(np.where(np.arange(POINTS) % 2, 2.0, -2.0))
+    apart[0] = 1.0
+    table = ratio_table(
+        [
+            *(whole(1, 3.0), whole(2, 1.0), whole(3, None), whole(4, 1.1, own=apart)),
+            *(whole(5, 2.0, unseen="its own arrays"), whole(6, 9.0, "elsewhere")),
+        ]
+    ).set_index("configuration")
+    assert (table["cheapest"] == 2).all()
+    assert table.index.tolist() == [1, 3, 4, 5]
+    assert table["verdict"].tolist() == ["sure", *["cannot tell"] * 3]
+    np.testing.assert_allclose(table.loc[1, ["ratio_low", "ratio_high"]].astype(float), 3.0)
+    assert table.loc[1, "ratio_nominal"] == pytest.approx(3.0)
+    assert pd.isna(table.loc[4, "ratio_nominal"])  # over 3 times wide
+    assert table.loc[3, "ratio_reason"] == "too large to trace"
+    assert table.loc[5, "ratio_reason"] == "its own arrays"
+    assert WHOLE_GI not in set(table["pass"])
+    text = ratios_section(table.reset_index())
+    assert "| 3.00 to 3.00 times (about 3.00) | 2: t2 x | sure |" in text
+    assert ratios_section(table.reset_index().iloc[:0]) == ""

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from gibench.profiles import load_profile
-from gibench.report.explain import at_width, sentence
+from gibench.report.explain import at_width, row, sentence
+from gibench.report.occupancy import held
 from gibench.trace.facts import AccessFacts, LaunchFacts, SimdFacts
 from gibench.trace.instrument import ATOMIC, LOAD
 
@@ -73,7 +74,12 @@ def with_simd(**changes: object) -> LaunchFacts:
             1e5,
             "moves 10.0 times the bytes that the pass must move behind a cache of 1 MB",
         ),
-        (replace(FINE, local_bytes=12288), 0.0, "its 12 KB of local memory let one group"),
+        (
+            replace(FINE, local_bytes=12288),
+            0.0,
+            "its 12 KB of local memory let 1 to 2 groups at a time onto a unit of iphone7: 8 of "
+            "the 16 waves that it has room for",
+        ),
     ],
 )
 def test_the_worst_is_told(facts: LaunchFacts, declared: float, expected: str) -> None:
@@ -90,3 +96,40 @@ def test_the_waves_are_the_profile_s() -> None:
     assert at_width(FINE, 32).simd == 32
     assert at_width(FINE, 64).simd == 64
     assert at_width(FINE, 8).simd == 32  # narrower than was analysed
+
+
+@pytest.mark.parametrize(
+    ("profile", "items", "kilobytes", "groups", "held_by"),
+    [
+        ("vega56", 256, 20, 3, "local memory"),  # of 64 KB, of which one group may use 32
+        ("titan-x-pascal", 128, 40, 2, "local memory"),  # of 96 KB
+        ("h100", 256, 48, 4, "local memory"),  # of 228 KB
+        ("vega56", 256, 0, 10, "waves"),  # 40 waves, four a group
+        ("titan-x-pascal", 32, 1, 32, "groups"),  # 64 waves, but 32 groups
+    ],
+)
+def test_a_unit_holds_what_its_waves_groups_and_local_memory_have_room_for(
+    profile: str, items: int, kilobytes: int, groups: int, held_by: str
+) -> None:
+    facts = replace(FINE, items=items, local_bytes=kilobytes << 10)
+    found = held(facts, load_profile(profile))
+    assert found is not None
+    assert (found.groups, found.held_by) == (groups, held_by)
+    told = row(facts, load_profile(profile))
+    assert (told["groups_held"], told["work_items_held"]) == (groups, groups * items)
+    assert told["waves_held_share"] == found.waves / found.of_waves <= 1
+
+
+def test_small_groups_are_told_where_a_unit_surely_holds_too_few() -> None:
+    small = replace(FINE, items=32)
+    assert "groups of 32 work-items are small" in sentence(small, load_profile("titan-x-pascal"))
+    # Of one wave, GCN may hold 16 groups or 40.
+    one_wave = replace(FINE, items=64)
+    assert "small" not in sentence(one_wave, load_profile("vega56"))
+
+
+def test_what_a_unit_holds_is_unknown_without_a_machine_part() -> None:
+    bare, facts = replace(PROFILE, machine=None), replace(FINE, local_bytes=12288)
+    assert held(facts, bare) is None
+    assert "groups_held" not in row(facts, bare)
+    assert "local memory" not in sentence(facts, bare)
