@@ -1,9 +1,9 @@
 """Run cases of the simulator's (tests/simulator) and keep the first launch of every kernel: what it
 was given, and what its buffers held afterwards.
 
-Usage: python launch_capture.py OUT_DIR CACHE_DIR KERNEL,... CASE... (KERNEL is ``file:name`` or
-``all``; a case is a JSON object of Case's fields). Folders in OUT_DIR are requests of gibench.trace
-with ``after<n>.npy`` beside; made for the device that the tests run on.
+Usage: python launch_capture.py OUT_DIR CACHE_DIR KERNEL,... CASE... (KERNEL is ``file:name`` as
+recording.py has it, or ``all``; a case is a JSON object of Case's fields). Folders in OUT_DIR are
+requests of gibench.trace with ``after<n>.npy`` beside; made for the device that the tests run on.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
 
 import run_case
 from cases import Case
+from recording import kernels_of
 
 from gibench.device import Access, Buffer, LocalMemory, PreparedLaunch, kernel_source
 from gibench.trace.request import Sampling, TracedArgument, TraceRequest, write_request
@@ -39,7 +40,8 @@ def capture(out: Path, wanted: set[str]) -> None:
 
     def kept(self: PreparedLaunch, queue: Any) -> Any:
         launch, sizes = self.launch, self.global_sizes
-        name = f"{launch.program.path}:{launch.kernel}"
+        program = launch.program
+        name = kernels_of(source := kernel_source(program.path))[launch.kernel]
         if name in taken or 0 in sizes or not ({name, "all"} & wanted):
             return enqueue(self, queue)
         taken.add(name)
@@ -54,9 +56,8 @@ def capture(out: Path, wanted: set[str]) -> None:
             else:
                 args.append(TracedArgument(argument.name, value))
         groups = (sizes[0] // self.local, sizes[1] if len(sizes) > 1 else 1)
-        program = launch.program
         request = TraceRequest(
-            *(kernel_source(program.path), program.defines, launch.kernel, args),
+            *(source, program.defines, launch.kernel, args),
             *(self.local, groups, name),
         )
         event = enqueue(self, queue)

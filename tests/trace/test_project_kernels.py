@@ -16,6 +16,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
 import cases
 from cases import BAKES, MOVING, OTHER_SETTINGS, WITH_A_LAYOUT, Case
+from recording import all_kernels
 
 from gibench.device import SIMT
 from gibench.techniques.registry import TUNED, techniques
@@ -40,6 +41,8 @@ ONE_A_FOLDER = {
     "measure": ("measure/roofs.cl:roof_triad", Case("roofs", 16, 8)),
     "reference": ("reference/path.cl:*", Case("reference", 16, 8)),
 }  # fmt: skip
+UNTRACED: dict[str, str] = {}
+"""Kernels that no launch below has, each with the reason."""
 OTHERS = "others"
 EVERY = [
     (name, size, width)
@@ -137,6 +140,19 @@ def test_one_kernel_of_each_folder_leaves_what_the_device_leaves(
     folders = [f for f in folders if read_request(f)[0].label.startswith(kernel.rstrip("*"))]
     assert folders
     assert list(differences(folders[0])) == []
+
+
+def test_a_kernel_of_each_folder_is_among_the_few() -> None:
+    folders = {kernel.partition("/")[0] for kernel in all_kernels()}
+    assert folders == set(ONE_A_FOLDER)
+    assert all(kernel.startswith(f"{name}/") for name, (kernel, _) in ONE_A_FOLDER.items())
+
+
+@pytest.mark.slow
+def test_no_kernel_is_left_out(tmp_path: Path) -> None:
+    every = [case for each in EVERY[: len(EVERY) // 2] for case in cases_of(*each)]
+    folders = captured(tmp_path / "launches", tmp_path, ["all"], every)
+    assert {read_request(folder)[0].label for folder in folders} == all_kernels() - set(UNTRACED)
 
 
 @pytest.mark.slow
