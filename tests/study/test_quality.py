@@ -352,7 +352,7 @@ def test_a_stored_reference_serves_again_and_for_nothing_else(run, tmp_path, cap
     [
         (["--target-error", "0"], "never reached"),
         (["--target-error", "-1"], "never reached"),
-        (["--target-error", "nan"], "never reached"),
+        (["--target-error", "nan"], "is not a number"),
         (["--reference-paths", "7"], "give no standard error"),
         (["--region", "r=0.5,0.5,1.5,0.9"], "leaves the image"),
         (["--reference", "no-such.npz"], "no such file"),
