@@ -104,7 +104,7 @@ def advice(rows: pd.DataFrame, limits: Sequence[Limit]) -> pd.DataFrame:
     costs = np.stack([metric.of(table) for metric in front_of(limits)], axis=1)
     known = np.isfinite(costs[ran]).any(axis=0) if ran.any() else np.ones(costs.shape[1], bool)
     table["pareto"] = pareto_front(costs[:, known])
-    table["over"] = np.where(ran, far, np.inf)
+    table["over"] = np.where(competing(table), far, np.inf)
     first = table[table["fits"]].sort_values("rel_l2", kind="stable")
     rest = table[~table["fits"]].sort_values("over", kind="stable")
     return pd.concat([first, rest], ignore_index=True).drop(columns="over")

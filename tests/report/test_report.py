@@ -285,6 +285,8 @@ def test_gi_is_blank_in_runs_from_before_passes_had_stages() -> None:
 def test_the_worst_line_has_the_machines_own_only_where_it_is_known() -> None:
     frame = {"pace": "bursts", "within_budget": 0.5, "budget": "misses", "longest_ms": 40.0}
     frame |= {"stutter": 2.0, "machine_stutter": float("nan")}
-    assert worst_line(pd.Series(frame)).endswith("2.0 times its neighbour at most (bursts)")
-    told = worst_line(pd.Series(frame | {"machine_stutter": 1.3}))
+    told = worst_line(pd.Series(frame), 16.7)
+    assert "50.0 % of frames within 16.7 ms (misses)" in told
+    assert told.endswith("2.0 times its neighbour at most (bursts)")
+    told = worst_line(pd.Series(frame | {"machine_stutter": 1.3}), 33.3)
     assert told.endswith("at most (bursts; the machine alone 1.3 times)")

@@ -74,6 +74,7 @@ OTHER_SETTINGS: dict[str, list[dict[str, Any]]] = {
 # Techniques with kernels of their own in the layout ``simt``; the others' are those of ``tuned``
 # compiled for scalars, which is among their sizes.
 WITH_A_LAYOUT = ("srp", "ddgi", "gibs", "surfel-cache")
+OF_SIMT: dict[str, dict[str, Any]] = {"srp": {"sh_order": 4}}  # its tiles of rows are cut
 
 BAKES = [
     Case("bake", 1, 16, "srp"),
@@ -106,7 +107,8 @@ def frames(every: bool) -> list[Case]:
             ]
             if variant == TUNED and spec.name in WITH_A_LAYOUT:
                 of_simt = choices[:-1] if every else choices[-1:]
-                found += [Case("frames", 7, 1, spec.name, variant, s, SIMT) for s in of_simt]
+                more = OF_SIMT.get(spec.name, {})
+                found += [Case("frames", 7, 1, spec.name, variant, s | more, SIMT) for s in of_simt]
     return found
 
 
