@@ -185,7 +185,8 @@ def run(
     if not projected_on or not result.ran or measured.outcome.interrupted:
         return result
     found = _project(folder, measured, projected_on, shared, cl_device)
-    return replace(result, projected=found.table, ratios=found.ratios)
+    told = answers_of(folder.path, measured.record, result.frames)  # now with projected ranges
+    return replace(result, projected=found.table, ratios=found.ratios, answers=told)
 
 
 def _projected_on(names: Sequence[str]) -> list[DeviceProfile]:

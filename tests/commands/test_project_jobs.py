@@ -8,12 +8,15 @@ from typing import Any
 import pandas as pd
 import pytest
 
+import gibench
 from gibench.cli.main import call
 from gibench.commands import asked
-from gibench.commands.project import jobs_of_record
+from gibench.commands.project import ProjectedRun, jobs_of_record
 from gibench.errors import BadInput
 from gibench.measure.runfolder.axes import plain_settings
+from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.session.shared import Shared
+from gibench.report.projected import COLUMNS, RATIO_COLUMNS, WHOLE_GI
 
 GIVEN: dict[str, Any] = {
     "device_profile": ["iphone7", "vega56"],
@@ -87,3 +90,32 @@ def test_a_shard_and_a_run_with_fit_are_projected_as_they_ran(
     assert call(["project", out, "-d", "vega56", "-q", *cache]) == 0
     assert seen == [(128, True)] * 2
     assert pd.read_csv(tmp_path / "out" / "projected.csv").empty
+
+
+def test_the_answers_of_a_run_have_what_was_projected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def project(folder: RunFolder, *_: object) -> ProjectedRun:
+        row = dict.fromkeys(COLUMNS, "") | {"configuration": 1, "device": "iphone7"}
+        row |= {"pass": WHOLE_GI, "projected_low_ms": 7.0, "projected_high_ms": 20.0}
+        table = pd.DataFrame([row | {"verdict": "range"}], columns=list(COLUMNS))
+        found = ProjectedRun(table, pd.DataFrame(columns=list(RATIO_COLUMNS)))
+        found.write(folder)
+        return found
+
+    monkeypatch.setattr("gibench.commands.run._project", project)
+    ran = gibench.run(
+        technique="ddgi",
+        receivers=200,
+        resolution=(32, 24),
+        frames=2,
+        warmup=0,
+        warmup_frames=0,
+        quality=False,
+        project="iphone7",
+        out=tmp_path / "run",
+        cache_dir=tmp_path / "cache",
+    )
+    (answer,) = ran.answers
+    assert answer.table["projected"].tolist() == ["7.000 to 20.000 ms"]
+    assert "does not fit: ddgi" in answer.projected
