@@ -126,11 +126,14 @@ def test_pieces_are_the_triangles(rng):
         for row in np.flatnonzero(pieces.even == 0):
             image = scene.glow.images[scene.glow.image[row]]
             uvs = scene.glow.uvs[row].astype(float)
-            if most > 1000:  # cells of a texel
-                mean = covered_mean(image, uvs[None])[0]
-                np.testing.assert_allclose(power[row], areas[row] * luminance(mean), rtol=0.3)
+            cells = pieces.cells[scene.glow.image[row]]
+            if cells.shape == image.shape[:2]:
+                # What a point shows and its texel's cell lie between the texels around it.
+                mean, light = luminance(covered_mean(image, uvs[None])[0]), luminance(image)
+                around = [np.roll(light, (y, x), (0, 1)) for y in (-1, 0, 1) for x in (-1, 0, 1)]
+                assert abs(power[row] / areas[row] - mean) <= np.ptp(around, axis=0).max() * 1.001
             # Cells of many texels are far from what a triangle covers of them: theirs is the mean.
-            mean, unsure = mean_of_cells(pieces.cells[scene.glow.image[row]], uvs)
+            mean, unsure = mean_of_cells(cells, uvs)
             assert abs(power[row] / areas[row] - mean) <= unsure
 
 
