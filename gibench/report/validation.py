@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
@@ -29,30 +29,40 @@ LEGEND = (
 )
 
 
-def shown(summary: pd.DataFrame) -> pd.DataFrame:
-    """The summary as texts."""
-    table = summary[["set", "device"]].copy()
-    for name, (title, form) in _COLUMNS.items():
-        table[title] = ["" if pd.isna(x) else form.format(x) for x in summary[name]]
-    return table
-
-
-def show_validation(summary: pd.DataFrame, best: pd.DataFrame, hashes: Mapping[str, str]) -> None:
-    """Print the summary, and what the model's choice among convolutions costs."""
+def _print(
+    summary: pd.DataFrame,
+    keys: Sequence[str],
+    columns: Mapping[str, tuple[str, str]],
+    legend: str,
+    title: str | None = None,
+) -> None:
+    """Print rows by their ``keys``, the figures of ``columns`` by title and form, and what those
+    are.
+    """
     from rich.markup import escape
     from rich.table import Table
 
     from gibench.report.terminal import console
 
-    out = console()
-    texts = shown(summary)
-    table = Table()
-    for name in texts.columns:
-        table.add_column(name, justify="left" if name in ("set", "device") else "right")
-    for row in texts.itertuples(index=False):
-        table.add_row(*(escape(str(each)) for each in row))
+    out, table = console(), Table(title=title, title_justify="left")
+    for key in keys:
+        table.add_column(key)
+    for heading, _ in columns.values():
+        table.add_column(heading, justify="right")
+    for _, row in summary.iterrows():
+        named = [escape(str(row[key])) for key in keys]
+        figures = [(row[name], form) for name, (_, form) in columns.items()]
+        table.add_row(*named, *("" if pd.isna(x) else form.format(x) for x, form in figures))
     out.print(table)
-    out.print(LEGEND, soft_wrap=True)
+    out.print(legend, soft_wrap=True)
+
+
+def show_validation(summary: pd.DataFrame, best: pd.DataFrame, hashes: Mapping[str, str]) -> None:
+    """Print the summary, and what the model's choice among convolutions costs."""
+    from gibench.report.terminal import console
+
+    _print(summary, ("set", "device"), _COLUMNS, LEGEND)
+    out = console()
     for each in best.itertuples(index=False):
         out.print(
             f"convolution on {each.device}: the model picks {each.picked}: "
@@ -86,20 +96,5 @@ ORDERS_LEGEND = (
 
 def show_orders(summary: pd.DataFrame) -> None:
     """Print how well projections keep the order of what was measured here."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from gibench.report.terminal import console
-
-    out = console()
-    table = Table(title="Projected onto the device that ran it: orders, no evidence for others",
-                  title_justify="left")  # fmt: skip
-    for name in ("runtime", "device"):
-        table.add_column(name)
-    for title, _ in _ORDERS.values():
-        table.add_column(title, justify="right")
-    for _, row in summary.iterrows():
-        cells = ["" if pd.isna(row[n]) else form.format(row[n]) for n, (_, form) in _ORDERS.items()]
-        table.add_row(escape(str(row["runtime"])), escape(str(row["device"])), *cells)
-    out.print(table)
-    out.print(ORDERS_LEGEND, soft_wrap=True)
+    title = "Projected onto the device that ran it: orders, no evidence for others"
+    _print(summary, ("runtime", "device"), _ORDERS, ORDERS_LEGEND, title)

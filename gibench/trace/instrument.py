@@ -14,6 +14,15 @@ import numpy as np
 
 from gibench.arrays import Doubles, Longs
 from gibench.trace.charges import DIVISION, INTEGER_DIVISION, Charge, charge_of
+from gibench.trace.declarations import (
+    CONSTANT,
+    constant_args,
+    constants,
+    first_type,
+    locals_of,
+    nbytes_of,
+    parts,
+)
 from gibench.trace.dependence import BlockLines, Chains, chains_of
 from gibench.trace.graph import post_dominators
 from gibench.trace.lower import NAME, unquoted
@@ -36,14 +45,6 @@ _CALL = re.compile(rf"\bcall .*?@({NAME})\(")
 _OPERATION = re.compile(r"^\s*(?:%\S+|%\"[^\"]*\") = (?:(?:tail|notail) )?(\w+)")
 _LABEL = re.compile(rf"^({NAME}):")
 _CONSTANT_PLACE = re.compile(r"getelementptr [^%@]*[%@][^,]*(?:, i\d+ -?\d+)+(?:, !|$)")
-_CONSTANT = re.compile(
-    rf"^@({NAME}) = (?:(?:private|internal|dso_local|local_unnamed_addr|unnamed_addr) )*"
-    rf"constant (\[.*)$",
-    re.MULTILINE,
-)
-_ARGUMENT_SPACES = re.compile(r"!kernel_arg_addr_space !(\d+)")
-_CONSTANT_SPACE = "i32 2"
-"""Constant memory in an OpenCL kernel's metadata (SPIR 1.2, section 2.2)."""
 _OWN = re.compile(r"@_(?:local_id|group_id|local_size|num_groups|global_offset|work_dim)")
 _FREE = frozenset(
     [
@@ -137,7 +138,7 @@ def instrument(text: str, kernel: str) -> Instrumented:
     text = re.sub(
         r"^attributes (#\d+) = \{.*\}$", r"attributes \1 = { nounwind }", text, flags=re.M
     )
-    text = _CONSTANT.sub(r"@\1 = constant \2", text)  # found by name
+    text = CONSTANT.sub(r"@\1 = constant \2", text)  # found by name
     head, body, tail, define = _split(text, kernel)
     blocks = _blocks(body)
     tables = _tables(blocks)
@@ -148,10 +149,10 @@ def instrument(text: str, kernel: str) -> Instrumented:
     runtime = _runtime(define, kernel, head + tail)
     joined = "\n".join([head, *lines, tail, runtime])
     barriers = any("@pocl.barrier(" in line for line in body)
-    local = tuple(_locals(head, kernel))
+    local = tuple(locals_of(head, kernel))
     return Instrumented(
         joined, tables, _chains(blocks, tables), barriers, local,
-        _constants(head), _constant_args(define, tail),
+        constants(head), constant_args(define, tail),
     )  # fmt: skip
 
 
@@ -164,21 +165,6 @@ def _chains(blocks: list[_Block], tables: Tables) -> Chains:
         ]
         given.append(BlockLines(block.label, lines))
     return chains_of(given, len(tables.kind))
-
-
-def nbytes_of(kind: str) -> int:
-    """Bytes of a type of the text.
-
-    >>> nbytes_of("<3 x float>"), nbytes_of("[4 x i16]"), nbytes_of("{ i32, float }")
-    (12, 8, 8)
-    """
-    kind = kind.strip()
-    if match := re.fullmatch(r"[<\[](\d+) x (.+)[>\]]", kind):
-        return int(match[1]) * nbytes_of(match[2])
-    if kind.startswith("{"):
-        return sum(nbytes_of(part) for part in _parts(kind.strip("{} ")))
-    named = {"float": 4, "double": 8, "half": 2, "ptr": 8}
-    return named[kind] if kind in named else -(-int(kind[1:]) // 8)
 
 
 def _split(text: str, kernel: str) -> tuple[str, list[str], str, str]:
@@ -247,7 +233,7 @@ def _touched(line: str) -> list[tuple[int, str, int]]:
     if match := _LOAD.search(line):
         found = [(LOAD, match[2], nbytes_of(match[1]))]
     elif match := _STORE.match(line):
-        found = [(STORE, match[2], nbytes_of(_first_type(match[1])))]
+        found = [(STORE, match[2], nbytes_of(first_type(match[1])))]
     elif match := _RMW.search(line) or _CMPXCHG.search(line):
         found = [(ATOMIC, match[1], nbytes_of(match[2]))]
     elif match := _COPY.search(line):
@@ -258,17 +244,6 @@ def _touched(line: str) -> list[tuple[int, str, int]]:
     else:
         return []
     return [each for each in found if not _OWN.match(each[1])]
-
-
-def _first_type(text: str) -> str:
-    """The type at the start of a typed value."""
-    if text[0] in "<[{":
-        depth = 0
-        for place, letter in enumerate(text):
-            depth += (letter in "<[{") - (letter in ">]}")
-            if depth == 0:
-                return text[: place + 1]
-    return text.split()[0]
 
 
 def _cost(line: str) -> tuple[Charge, int]:
@@ -336,42 +311,11 @@ def _tables(blocks: list[_Block]) -> Tables:
     )
 
 
-def _locals(head: str, kernel: str) -> list[tuple[str, int]]:
-    pattern = re.compile(rf'^@"?({re.escape(kernel)}\.[^ "]+)"? = [^\n]*?global (.*)$', re.M)
-    return [(name, nbytes_of(_first_type(rest))) for name, rest in pattern.findall(head)]
-
-
-def _constants(head: str) -> tuple[tuple[str, int], ...]:
-    found = [(unquoted(name), _first_type(rest)) for name, rest in _CONSTANT.findall(head)]
-    return tuple((name, nbytes_of(kind)) for name, kind in found if "%" not in kind)
-
-
-def _constant_args(define: str, tail: str) -> tuple[int, ...]:
-    named = _ARGUMENT_SPACES.search(define)
-    if named is None:
-        return ()
-    told = re.search(rf"^!{named[1]} = !{{(.*)}}$", tail, re.MULTILINE)
-    assert told is not None
-    spaces = told[1].split(", ")
-    return tuple(number for number, space in enumerate(spaces) if space == _CONSTANT_SPACE)
-
-
-def _parts(text: str) -> list[str]:
-    """A list of the text at its outer commas."""
-    parts, depth, start = [], 0, 0
-    for place, letter in enumerate(text):
-        depth += (letter in "(<[{") - (letter in ")>]}")
-        if letter == "," and depth == 0:
-            parts.append(text[start:place])
-            start = place + 1
-    return [part.strip() for part in [*parts, text[start:]] if part.strip()]
-
-
 def _runtime(define: str, kernel: str, rest: str) -> str:
     """The record's own variables, and functions that run one work-item or a group of them."""
     inside = re.search(r"\((.*)\)[^()]*\{$", define)
     assert inside is not None
-    kinds = [_first_type(part) for part in _parts(inside[1])]
+    kinds = [first_type(part) for part in parts(inside[1])]
     lines, values = [], []
     for number, kind in enumerate(kinds):
         lines += [

@@ -43,14 +43,21 @@ def _sorted(values, count):  # pragma: no cover
 
 
 @njit(cache=True)
-def _request(lanes, count, width, kind, base, local, sums, row, stream, used):  # pragma: no cover
-    """One request of ``count`` lanes of ``width`` bytes each; returns the stream's new length."""
+def _counted(lanes, count, sums, row):  # pragma: no cover
+    """Count a request of ``count`` lanes, which are then sorted; returns its distinct addresses."""
     _sorted(lanes, count)
     distinct = 1
     for i in range(1, count):
         distinct += lanes[i] != lanes[i - 1]
     sums[row, REQUESTS] += 1
     sums[row, LANES] += count
+    return distinct
+
+
+@njit(cache=True)
+def _request(lanes, count, width, kind, base, local, sums, row, stream, used):  # pragma: no cover
+    """One request of ``count`` lanes of ``width`` bytes each; returns the stream's new length."""
+    distinct = _counted(lanes, count, sums, row)
     if local:
         banks = np.zeros(BANKS, np.int64)
         last = np.int64(-1)
@@ -92,12 +99,7 @@ def _constant(lanes, count, width, sums, row):  # pragma: no cover
     address it is as fast as a register, else each address has its turn (NVIDIA, "CUDA C++ Best
     Practices Guide", "Constant Memory").
     """
-    _sorted(lanes, count)
-    distinct = 1
-    for i in range(1, count):
-        distinct += lanes[i] != lanes[i - 1]
-    sums[row, REQUESTS] += 1
-    sums[row, LANES] += count
+    distinct = _counted(lanes, count, sums, row)
     return 0 if distinct == 1 else distinct * ((width + REQUEST - 1) // REQUEST)
 
 

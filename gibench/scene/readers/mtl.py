@@ -26,11 +26,11 @@ from gibench.scene.readers.text import argument, read_text, statements, without_
 from gibench.scene.readers.textures import (
     bumps_from_bytes,
     channel_from_bytes,
+    gloss_of,
     grey_from_bytes,
     normals_from_bytes,
     opacity_from_bytes,
     radiance_from_bytes,
-    resampled,
     texture_from_bytes,
 )
 
@@ -292,21 +292,15 @@ class _Reader:
             images.append(
                 None if image is None else self._decoded(*image, keyword, grey_from_bytes)
             )
-        given = [image for image in images if image is not None]
-        if not given:
+        both = gloss_of(images[0], images[1])
+        if both is None:
             return None
         if None not in images and transforms[0] != transforms[1]:
             self.options.append("-s, -o of map_Pm beside map_Pr")
         chosen = transforms[0] if images[0] is not None else transforms[1]
         if chosen is not None:
             self.transforms[number, GLOSS_MAP] = chosen
-        height, width = (max(image.pixels.shape[axis] for image in given) for axis in (0, 1))
-        pixels = np.ones((height, width, 3), np.float32)
-        pixels[:, :, 0] = 0.0
-        for channel, layer in enumerate(images, 1):
-            if layer is not None:
-                pixels[:, :, channel] = resampled(layer.pixels[:, :, :1], height, width)[:, :, 0]
-        return Texture(given[0].name, pixels)
+        return both
 
     def _normal_map(self, entries: _Entries, number: int) -> Texture | None:
         """``norm``, else ``map_bump`` or ``bump``; its coordinates are those of NORMAL_MAP."""

@@ -170,6 +170,22 @@ def resampled(pixels: Array, height: int, width: int) -> Floats:
     return np.asarray(upper * (1 - down) + lower * down, np.float32)
 
 
+def gloss_of(roughness: Texture | None, metalness: Texture | None) -> Texture | None:
+    """Grey images of both as one in green and blue, at the larger's size; 1 where one is missing,
+    None where both are.
+    """
+    given = [image for image in (roughness, metalness) if image is not None]
+    if not given:
+        return None
+    height, width = (max(image.pixels.shape[axis] for image in given) for axis in (0, 1))
+    pixels = np.ones((height, width, 3), np.float32)
+    pixels[:, :, 0] = 0.0
+    for channel, layer in enumerate((roughness, metalness), 1):
+        if layer is not None:
+            pixels[:, :, channel] = resampled(layer.pixels[:, :, :1], height, width)[:, :, 0]
+    return Texture(given[0].name, pixels)
+
+
 def _are_normals(codes: Array) -> bool:
     """Whether colours (h, w, 3) are those of normals: no greys, and of length 1 by and large."""
     length = np.linalg.norm(2 * codes - 1, axis=2)
