@@ -15,7 +15,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
 import cases
-from cases import BAKES, MOVING, OTHER_SETTINGS, WITH_A_LAYOUT, Case
+from cases import BAKES, MOVING, OF_SIMT, OTHER_SETTINGS, WITH_A_LAYOUT, Case
 from recording import all_kernels
 
 from gibench.device import SIMT
@@ -41,10 +41,7 @@ ONE_A_FOLDER = {
     "measure": ("measure/roofs.cl:roof_triad", Case("roofs", 16, 8)),
     "reference": ("reference/path.cl:*", Case("reference", 16, 8)),
 }  # fmt: skip
-UNTRACED = {
-    "srp/simt_projection.cl:add_pieces": "small scenes have no tile that is cut",
-    "ddgi/application.cl:probe_view": "for pictures of probes, not for frames",
-}
+UNTRACED = {"ddgi/application.cl:probe_view": "for pictures of probes, not for frames"}
 """Kernels that no launch below has, each with the reason."""
 OTHERS = "others"
 EVERY = [
@@ -63,7 +60,8 @@ def cases_of(name: str, size: int, width: int) -> list[Case]:
     variants = techniques()[name].variants
     found = [Case("frames", size, width, name, v, c) for v in variants for c in choices]
     if name in WITH_A_LAYOUT:
-        found += [Case("frames", size, 1, name, TUNED, c, SIMT) for c in choices]
+        more = OF_SIMT.get(name, {})
+        found += [Case("frames", size, 1, name, TUNED, c | more, SIMT) for c in choices]
     return found
 
 
