@@ -38,16 +38,43 @@ def explain(
             rich_help_panel=options.GRID,
         ),
     ] = _NONE,
+    define: Annotated[
+        list[str],
+        typer.Option(
+            "--define",
+            metavar="NAME=VALUE",
+            help="Macro of your own kernel.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = _NONE,
     items: Annotated[
-        int | None,
+        str | None,
         typer.Option(
             "--items",
-            min=1,
-            metavar="N",
+            metavar="N[xN[xN]]",
             help="Work-items of your own kernel; by default the elements of its largest buffer.",
             rich_help_panel=options.GRID,
         ),
     ] = None,
+    group: Annotated[
+        str | None,
+        typer.Option(
+            "--group",
+            metavar="N[xN[xN]]",
+            help="Work-group of your own kernel where it has several dimensions, instead of -w.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = None,
+    project: Annotated[
+        list[str],
+        typer.Option(
+            "--project",
+            metavar="NAME|FILE",
+            help="Also say as a range how long your own kernel would take on a device that is not "
+            "here. Repeat it for several.",
+            rich_help_panel=options.GRID,
+        ),
+    ] = _NONE,
     layout: options.Layouts = None,
     sh_order: options.ShOrders = None,
     probes: options.Probes = None,
@@ -99,6 +126,9 @@ def explain(
       gibench explain -t srp -s hall --motion scene
 
       gibench explain --kernel mine.cl:blur --arg image=1048576 --arg out=1048576 --arg width=1024
+
+      gibench explain --kernel mine.cl:blur --define RADIUS=3 --items 1024x1024 --group 16x16
+      --arg image=1048576 --arg out=1048576 --project titan-x-pascal
     """
     from gibench.commands.explain import explain as explained
 
@@ -110,7 +140,10 @@ def explain(
         layout=layout,
         kernel=kernel,
         arg=arg,
+        define=define,
         items=items,
+        group=group,
+        project=project,
         sh_order=sh_order,
         probes=probes,
         receivers=receivers,
@@ -131,6 +164,11 @@ def explain(
         from gibench.report.explain import show_explanation
 
         show_explanation(result.table, result.profile)
+        if result.projected is not None:
+            from gibench.report.projected_terminal import show_projection, show_ratios
+
+            show_projection(result.projected.table)
+            show_ratios(result.projected.ratios)
         typer.echo(f"see {printable(str(result.folder))}")
     if result.error is not None:
         raise result.error

@@ -11,6 +11,8 @@ import pandas as pd
 
 from gibench.commands import asked
 from gibench.commands.frame_traces import trace_frame, warmed_up
+from gibench.commands.project import ProjectedRun, machine_profiles
+from gibench.commands.project_own import project_own
 from gibench.device import Device
 from gibench.device.selection import select_cl_device
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError, printable
@@ -26,7 +28,7 @@ from gibench.report.tables import csv_text
 from gibench.techniques.job import Job
 from gibench.trace.extra import require_extra
 from gibench.trace.facts import SIMD_WIDTHS, LaunchFacts
-from gibench.trace.own_kernel import own_request
+from gibench.trace.own_kernel import Extent, defines_of, own_request, sides_of
 from gibench.trace.request import Sampling, TraceRequest
 
 Row = dict[str, Any]
@@ -40,12 +42,14 @@ class Explanation:
         folder: with ``explain.csv``, ``explain.md`` and the reuse curves.
         table: a row per launch.
         profile: whose units the figures are set against.
+        projected: ranges of times of one's own kernels, where they were asked for.
         error: what is not fine: some launch could not be traced.
     """
 
     folder: Path
     table: pd.DataFrame = field(repr=False)
     profile: DeviceProfile
+    projected: ProjectedRun | None
     error: GibenchError | None
 
 
@@ -56,7 +60,10 @@ def explain(
     variant: asked.Texts = ("tuned",),
     kernel: asked.Texts = (),
     arg: Sequence[str] = (),
-    items: int | None = None,
+    define: asked.Texts = (),
+    items: int | str | None = None,
+    group: int | str | None = None,
+    project: asked.Texts = (),
     layout: asked.Texts | None = None,
     sh_order: asked.Numbers = None,
     probes: asked.Numbers = None,
@@ -82,16 +89,21 @@ def explain(
         GibenchError: the folder cannot be written.
     """
     given = locals()
-    arguments = asked.recorded(given, "variant", "frame", "arg", "items")
+    own = ("arg", "define", "items", "group", "project")
+    arguments = asked.recorded(given, "variant", "frame", *own)
     arguments["motion"] = printable(Path(motion).name)
     arguments |= {"command": "explain", "kernel": [Path(k).name for k in asked.several(kernel)]}
     require_extra()
     profile = asked.load_profiles([device_profile])[0]
     files, names = _kernels(asked.several(kernel))
-    if (arg or items) and not files:
+    if not files and (alien := next((name for name in own if given[name]), None)):
         raise BadInput(
-            "--arg and --items are for a kernel of your own", mend="add --kernel FILE.cl:NAME"
+            f"--{alien} is for a kernel of your own",
+            mend="techniques are projected by 'gibench run --project'"
+            if alien == "project"
+            else "add --kernel FILE.cl:NAME",
         )
+    devices = machine_profiles(asked.several(project))
     rows: list[Row] = []
     jobs: list[Job] = []
     if not files or names:
@@ -101,16 +113,24 @@ def explain(
     shared = Shared(asked.cache_folder(cache_dir), seed)
     for job in jobs:
         check_job(job, shared)
-    sizes = [size for size in asked.workgroup_sizes(workgroup_size) if isinstance(size, int)]
-    size = sizes[0] if sizes else profile.default_workgroup_size
-    own = [
-        own_request(Device(profile, cl_device), file, name, arg, items, size)
-        for file, name in files
-    ]
+    requests = []
+    if files:
+        sizes = [size for size in asked.workgroup_sizes(workgroup_size) if isinstance(size, int)]
+        size = sizes[0] if sizes else profile.default_workgroup_size
+        extent = Extent(
+            (size,) if group is None else sides_of(str(group), "--group"),
+            () if items is None else sides_of(str(items), "--items"),
+        )
+        device, macros = Device(profile, cl_device), defines_of(asked.several(define))
+        requests = [own_request(device, *each, arg, extent, macros) for each in files]
     folder = asked.folder_for(out, "explain", [profile.name], arguments)
     folder.write_record({"schema_version": SCHEMA_VERSION, "arguments": arguments})
-    for request in own:
+    for request in requests:
         rows.append(_own_row(request, profile))
+    projected = None
+    if devices:
+        projected = project_own(requests, devices, shared.cache_dir / "traces")
+        projected.write(folder)
     for job in jobs:
         rows += _job_rows(job, shared, cl_device, frame, names)
     if names and not any(row["status"] != "skipped" for row in rows):
@@ -119,7 +139,7 @@ def explain(
     folder.write_text("explain.csv", csv_text(table))
     folder.write_text("explain.md", "\n".join(f"- {line}" for line in told.told(table)) + "\n")
     write_reuse(folder.path, table)
-    return Explanation(folder.path, table, profile, _verdict(rows, folder.path))
+    return Explanation(folder.path, table, profile, projected, _verdict(rows, folder.path))
 
 
 def _kernels(texts: Sequence[str]) -> tuple[list[tuple[Path, str]], list[str]]:

@@ -265,7 +265,7 @@ def _projected(
     profile: DeviceProfile,
     stages: Mapping[str, str],
 ) -> Projected:
-    machine, width = _machine(profile), min(profile.simd_width, 64)
+    machine, width = machine_of(profile), min(profile.simd_width, 64)
     by_pass: dict[str, list[Times] | GibenchError] = {}
     for each in launches:
         times = by_pass.setdefault(each.item.name, [])
@@ -294,7 +294,8 @@ def _total(parts: Sequence[list[Times] | GibenchError]) -> Total | GibenchError:
     return together(launches) if launches else GibenchError("nothing was launched in this frame")
 
 
-def _machine(profile: DeviceProfile) -> Machine:
+def machine_of(profile: DeviceProfile) -> Machine:
+    """The machine part of a profile that has one."""
     assert profile.machine is not None
     return profile.machine
 
@@ -316,7 +317,7 @@ def projected_columns(total: Total | GibenchError, profile: DeviceProfile) -> Ro
     """The columns of a projected time: a range, no point in it where it is wide."""
     if isinstance(total, GibenchError):
         return {"verdict": UNKNOWN, "projection_reason": str(total)}
-    each = range_of(total, _machine(profile))
+    each = range_of(total, machine_of(profile))
     return {
         "projected_low_ms": each.low,
         "projected_nominal_ms": each.shown,

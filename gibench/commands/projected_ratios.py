@@ -11,7 +11,7 @@ import pandas as pd
 
 from gibench.errors import GibenchError
 from gibench.project.ranges import SHOWN_WIDTH, UNKNOWN, Total, ratio
-from gibench.report.projected import RATIO_COLUMNS, WHOLE_FRAME, WHOLE_GI
+from gibench.report.projected import RATIO_COLUMNS
 
 Row = dict[str, Any]
 _TOGETHER = ("scene", "profile", "device")
@@ -23,7 +23,8 @@ class Whole:
 
     Attributes:
         head: its columns: configuration, technique, variant, layout, scene, profile, device.
-        totals: of its frame, and of its GI where it has any, by name of the pass.
+        totals: of its GI where it has any, and of its frame, by name of the pass; of a kernel that
+            is no technique's, of its launch.
     """
 
     head: Mapping[str, Any]
@@ -40,7 +41,7 @@ def ratio_table(wholes: Sequence[Whole]) -> pd.DataFrame:
     rows = [
         row
         for group in groups.values()
-        for name in (WHOLE_GI, WHOLE_FRAME)
+        for name in sorted({name for each in group for name in each.totals})
         for row in _rows([each for each in group if name in each.totals], name)
     ]
     return pd.DataFrame(rows, columns=list(RATIO_COLUMNS))

@@ -7,8 +7,9 @@ import pandas as pd
 from gibench.report.figures import number
 
 PROJECTED = "projected.csv"
-WHOLE_FRAME, WHOLE_GI = "(frame)", "(GI)"
-"""Stand for the pass in rows of a whole frame, and of its global illumination."""
+WHOLE_FRAME, WHOLE_GI, WHOLE_LAUNCH = "(frame)", "(GI)", "(launch)"
+"""Stand for the pass in rows of a whole frame, of its global illumination, and of a launch of a
+kernel that is no technique's."""
 COLUMNS = (
     *("configuration", "technique", "variant", "layout", "scene", "profile", "device", "pass"),
     "stage",

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Longs
-from gibench.trace.instrument import WORDS_SPARE, Instrumented
+from gibench.trace.instrument import WORDS_SPARE, WORK_DIM, Instrumented
 from gibench.trace.lower import machine
 from gibench.trace.memory import Arena
 from gibench.trace.request import Sampling, TraceRequest
@@ -109,14 +109,14 @@ class Machine:
 
     def _one(self, group: int) -> tuple[Longs, Longs] | None:
         request = self._request
-        across = request.groups[0]
         for name, values in (
-            ("local_size", (request.items, 1, 1)),
-            ("num_groups", (*request.groups, 1)),
-            ("group_id", (group % across, group // across, 0)),
+            ("local_size", request.group_size),
+            ("num_groups", request.group_count),
+            ("group_id", _place(group, request.group_count)),
         ):
             for axis, value in zip("xyz", values, strict=True):
                 self._variable(f"_{name}_{axis}").value = value
+        ctypes.c_int32.from_address(self._address(WORK_DIM)).value = len(request.groups)
         self._count.value = WORDS_SPARE
         spans = self._waiting() if self._barriers else self._straight()
         if self._count.value > len(self.words):
@@ -144,7 +144,8 @@ class Machine:
         """Items that wait for each other, each on a stack of its own."""
         from greenlet import greenlet
 
-        own, args = self._variable("_local_id_x"), ctypes.addressof(self._pointers)
+        own = [self._variable(f"_local_id_{axis}") for axis in "xyz"]
+        size, args = self._request.group_size, ctypes.addressof(self._pointers)
 
         def body() -> bool:
             self._item(args)
@@ -155,7 +156,9 @@ class Machine:
         while alive:
             waiting = []
             for item in alive:
-                own.value, first = item, self._count.value
+                for variable, value in zip(own, _place(item, size), strict=True):
+                    variable.value = value
+                first = self._count.value
                 if fibres[item].switch():
                     waiting.append(item)
                 spans.append((item, first, self._count.value))
@@ -183,6 +186,12 @@ class Machine:
 
     def _variable(self, name: str) -> ctypes.c_int64:
         return ctypes.c_int64.from_address(self._address(name))
+
+
+def _place(number: int, sizes: tuple[int, int, int]) -> tuple[int, int, int]:
+    """Where the ``number``-th lies along three dimensions, the first running fastest."""
+    across, down, _ = sizes
+    return number % across, number // across % down, number // (across * down)
 
 
 def _wait() -> None:

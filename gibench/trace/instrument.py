@@ -328,12 +328,14 @@ def _runtime(define: str, kernel: str, rest: str) -> str:
         *(f"_{what}_{axis}" for what in _ITEM_WORDS for axis in "xyz"),
     ]
     missing = [f"@{name} = global i64 0" for name in own if f"@{name} = " not in rest]
+    missing += [f"@{name} = global i32 0" for name in (WORK_DIM,) if f"@{name} = " not in rest]
     call = f'  call void @"{kernel}"({", ".join(values)})'
     return "\n".join((*missing, _VARIABLES, "define void @__trace_item(ptr %args) {", *lines, call,
                       "  ret void", "}", _GROUP))  # fmt: skip
 
 
 _ITEM_WORDS = ("local_id", "group_id", "local_size", "num_groups", "global_offset")
+WORK_DIM = "_work_dim"
 _VARIABLES = """@__trace_count = global i64 0
 @__trace_capacity = global i64 0
 @__trace_words = global ptr null"""
@@ -342,7 +344,15 @@ entry:
   br label %loop
 loop:
   %i = phi i64 [ 0, %entry ], [ %next, %loop ]
-  store i64 %i, ptr @_local_id_x
+  %width = load i64, ptr @_local_size_x
+  %height = load i64, ptr @_local_size_y
+  %x = urem i64 %i, %width
+  %row = udiv i64 %i, %width
+  %y = urem i64 %row, %height
+  %z = udiv i64 %row, %height
+  store i64 %x, ptr @_local_id_x
+  store i64 %y, ptr @_local_id_y
+  store i64 %z, ptr @_local_id_z
   %n = load i64, ptr @__trace_count
   %s = getelementptr i64, ptr %starts, i64 %i
   store i64 %n, ptr %s

@@ -68,7 +68,7 @@ def request_key(request: TraceRequest, sampling: Sampling) -> str:
         repr(
             (
                 *(VERSION, compilers(), sampling, request.source, sorted(request.defines.items())),
-                *(request.kernel, request.items, request.groups),
+                *(request.kernel, request.items, request.groups, *request.sides),
             )
         ).encode()
     )

@@ -8,13 +8,14 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import Device, Parameter, Program, ProgramSpec, build_program
+from gibench.device import Define, Device, Parameter, Program, ProgramSpec, build_program
 from gibench.errors import BadInput
 from gibench.trace.request import TracedArgument, TraceRequest
 
@@ -38,8 +39,95 @@ _TYPES: dict[str, type[np.generic]] = {
 }
 
 
+@dataclass(frozen=True)
+class Extent:
+    """How many work-items a kernel is launched on.
+
+    Attributes:
+        group: of a work-group, along one to three dimensions.
+        items: of the launch along as many, whole groups; empty: as many along the first as the
+            largest buffer has elements, rounded up to whole groups.
+    """
+
+    group: tuple[int, ...]
+    items: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Give both as many dimensions, those that are not named of one item.
+
+        Raises:
+            BadInput: the group has several dimensions and the items are not given, or are no
+                multiple of it.
+        """
+        group, items = self.group, self.items
+        if not items and len(group) > 1:
+            raise BadInput(
+                f"--group {_by(group)} needs the launch's size, too",
+                mend=f"add for instance --items {_by([16 * each for each in group])}",
+            )
+        count = max(len(group), len(items))
+        group = (*group, *[1] * (count - len(group)))
+        items = (*items, *[1] * (count - len(items))) if items else ()
+        if any(whole % part for whole, part in zip(items, group, strict=False)):
+            whole = [-(-each // part) * part for each, part in zip(items, group, strict=True)]
+            raise BadInput(
+                f"--items {_by(items)} is no multiple of the work-group size {_by(group)}",
+                mend=f"give --items {_by(whole)}, or another size with -w or --group",
+            )
+        object.__setattr__(self, "group", group)
+        object.__setattr__(self, "items", items)
+
+    def groups(self, largest: int) -> tuple[int, ...]:
+        """Groups of the launch along every dimension, ``largest`` elements being the most that a
+        buffer has.
+        """
+        if not self.items:
+            return (-(-largest // self.group[0]),)
+        return tuple(whole // part for whole, part in zip(self.items, self.group, strict=True))
+
+
+def sides_of(text: str, option: str) -> tuple[int, ...]:
+    """Sizes along one to three dimensions, as in ``16x16``.
+
+    Raises:
+        BadInput: it is none.
+    """
+    parts = text.lower().split("x")
+    if len(parts) > 3 or not all(re.fullmatch(r"[1-9]\d{0,9}", part) for part in parts):
+        raise BadInput(f"{option} '{text}' is no size", mend=f"give for instance {option} 16x16")
+    return tuple(map(int, parts))
+
+
+def defines_of(texts: Sequence[str]) -> dict[str, Define]:
+    """Macros from ``NAME=VALUE`` or, for 1, ``NAME``.
+
+    Raises:
+        BadInput: one is none, or is given twice.
+    """
+    found: dict[str, Define] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not re.fullmatch(r"[A-Za-z_]\w*", name) or (equals and not value):
+            raise BadInput(
+                f"--define '{text}' is not NAME=VALUE", mend="give for instance --define WIDTH=8"
+            )
+        if name in found:
+            raise BadInput(f"--define {name} is given twice")
+        found[name] = value if equals else 1
+    return found
+
+
+def _by(sides: Sequence[int]) -> str:
+    return "x".join(map(str, sides))
+
+
 def own_request(
-    device: Device, file: Path, kernel: str, texts: Sequence[str], items: int | None, group: int
+    device: Device,
+    file: Path,
+    kernel: str,
+    texts: Sequence[str],
+    extent: Extent,
+    defines: Mapping[str, Define] | None = None,
 ) -> TraceRequest:
     """The request for a kernel of a user's file.
 
@@ -50,9 +138,8 @@ def own_request(
         texts: ``NAME=VALUE``: a number for a number; for a pointer a number of elements (random in
             [0, 1) where they are floats, zeros otherwise; of local memory only their room), or a
             ``.npy`` file with its content.
-        items: work-items, whole groups of them; by default the elements of its largest buffer,
-            rounded up to whole groups.
-        group: work-items per group.
+        extent: how many work-items it is launched on.
+        defines: its macros.
 
     Raises:
         BadInput: the file cannot be read or built, has no such kernel, an argument is missing,
@@ -60,14 +147,14 @@ def own_request(
     """
     import pyopencl as cl
 
-    label = f"{file.name}:{kernel}"
+    label, defines = f"{file.name}:{kernel}", defines or {}
     try:
         source = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"cannot be read as text ({error})", where=file) from error
     try:
         with _silent():
-            built = build_program(device.context, source, {})
+            built = build_program(device.context, source, defines)
         program = Program(ProgramSpec(file.name), source, built)
     except cl.Error as error:
         lines = [line.strip() for line in str(error).split("\n")]
@@ -88,18 +175,16 @@ def own_request(
         raise BadInput(f"has no argument '{strangers[0]}'", where=label, mend=f"it has {names}")
     args = [_argument(each, values, label) for each in parameters]
     found = [a.data for a in args if isinstance(a.data, np.ndarray)]
+    group = math.prod(extent.group)
     if group > device.profile.max_workgroup_size:
         raise BadInput(
-            str(device.profile.workgroup_size_problem(group)), where=label, mend="give less with -w"
-        )
-    if items is not None and items % group:
-        raise BadInput(
-            f"--items {items} is no multiple of the work-group size {group}",
+            str(device.profile.workgroup_size_problem(group)),
             where=label,
-            mend=f"give --items {-(-items // group) * group}, or another size with -w",
+            mend="give less with -w or --group",
         )
-    count = items or max((len(data) for data in found), default=group)
-    return TraceRequest(source, {}, kernel, args, group, (-(-count // group), 1), label)
+    largest = max((len(data) for data in found), default=group)
+    sides = extent.group if len(extent.group) > 1 else ()
+    return TraceRequest(source, defines, kernel, args, group, extent.groups(largest), label, sides)
 
 
 @contextmanager

@@ -54,8 +54,9 @@ class TraceRequest:
         kernel: the kernel's name.
         args: in the kernel's order.
         items: work-items per group.
-        groups: number of groups along both dimensions.
+        groups: number of groups along every dimension, one to three of them.
         label: for messages, ``srp/tuned.cl: probe_update``.
+        sides: work-items of a group along every dimension; empty where all lie along the first.
     """
 
     source: str
@@ -63,8 +64,24 @@ class TraceRequest:
     kernel: str
     args: Sequence[TracedArgument]
     items: int
-    groups: tuple[int, int]
+    groups: tuple[int, ...]
     label: str
+    sides: tuple[int, ...] = ()
+
+    @property
+    def group_size(self) -> tuple[int, int, int]:
+        """Work-items of a group along three dimensions."""
+        return _three(self.sides or (self.items,))
+
+    @property
+    def group_count(self) -> tuple[int, int, int]:
+        """Groups along three dimensions."""
+        return _three(self.groups)
+
+
+def _three(counts: Sequence[int]) -> tuple[int, int, int]:
+    x, y, z = (*counts, 1, 1)[:3]
+    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -108,7 +125,7 @@ def request_of(device: Device, prepared: PreparedLaunch) -> TraceRequest:
         else:
             args.append(TracedArgument(argument.name, value))
     first, *rows = prepared.global_sizes
-    groups = (first // prepared.local, rows[0] if rows else 1)
+    groups = (first // prepared.local, *rows)
     label = f"{launch.program.path}: {launch.kernel}"
     return TraceRequest(
         program.source, launch.program.defines, launch.kernel, args, prepared.local, groups, label
@@ -138,6 +155,7 @@ def write_request(folder: Path, request: TraceRequest, sampling: Sampling) -> No
         "items": request.items,
         "groups": list(request.groups),
         "label": request.label,
+        "sides": list(request.sides),
         "sampling": asdict(sampling),
     }
     (folder / "request.json").write_text(json.dumps(record), encoding="utf-8")
@@ -155,5 +173,5 @@ def read_request(folder: Path) -> tuple[TraceRequest, Sampling]:
             data = np.load(folder / f"arg{number}.npy")
             data = data if kind == "buffer" else data[0]
         args.append(TracedArgument(data=data, **entry))
-    groups = tuple(record.pop("groups"))
-    return TraceRequest(args=args, groups=groups, **record), sampling
+    groups, sides = tuple(record.pop("groups")), tuple(record.pop("sides"))
+    return TraceRequest(args=args, groups=groups, sides=sides, **record), sampling

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 from gibench.cli.main import call
+from gibench.profiles import built_in_profiles
 from gibench.trace import extra
 
 SOURCE = """
@@ -141,6 +142,57 @@ def test_a_kernel_that_faults_is_a_row_and_exit_code_1(
     assert "the kernel faulted (SIGSEGV)" in capsys.readouterr().err
 
 
+TILES = """
+__kernel void tiles(__global const float *from, __global float *to)
+{
+    const size_t at = get_global_id(1) * PITCH + get_global_id(0);
+    to[at] = from[at];
+}
+__kernel void far(__global const float *from, __global float *to)
+{
+    const size_t at = get_global_id(0) * PITCH + get_global_id(1);
+    to[at] = from[at];
+}
+"""
+
+
+def test_a_kernel_of_one_s_own_is_projected_and_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "tiles.cl"
+    path.write_text(TILES, encoding="utf-8")
+    code, table = explained(
+        *(tmp_path, "--kernel", f"{path}:tiles", "--kernel", f"{path}:far", "--define=PITCH=1024"),
+        *("--items", "1024x1024", "--group", "32x8", "--arg=from=1048576", "--arg=to=1048576"),
+        *("--project", "vega56", "--project", "titan-x-pascal"),
+    )
+    assert code == 0
+    assert table is not None
+    assert table["groups"].tolist() == [4096, 4096]
+    assert table["lines_over_fewest_32"].tolist() == pytest.approx([1, 16])
+    ranges = pd.read_csv(tmp_path / "out" / "projected.csv")
+    assert ranges["variant"].tolist() == ["tiles", "tiles", "far", "far"]
+    moved = 8 * 1024 * 1024
+    for _, row in ranges[ranges["variant"] == "tiles"].iterrows():
+        peak = {"vega56": 410e9, "titan-x-pascal": 480e9}[row["device"]]  # bytes/s, data sheets
+        assert row["projected_low_ms"] > 0.9e3 * moved / peak
+        assert row["projected_low_ms"] < 3e3 * moved / peak
+    ratios = pd.read_csv(tmp_path / "out" / "ratios.csv")
+    assert ratios["variant"].tolist() == ["far", "far"]
+    assert set(ratios["verdict"]) <= {"sure", "likely"}
+    shown = capsys.readouterr().out
+    assert "Projected, not measured" in shown
+    assert "1: tiles.cl tiles" in shown
+
+
+def bare(folder: Path) -> Path:
+    """A profile without a machine part."""
+    path = folder / "bare.toml"
+    text = built_in_profiles()["vega56"].partition("\n[machine]\n")[0]
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -152,7 +204,23 @@ def test_a_kernel_that_faults_is_a_row_and_exit_code_1(
         (["--kernel", "{file}:astray", "--arg", "to"], "--arg 'to' is not NAME=VALUE"),
         (["--kernel", "{file}:astray", "--arg", "to=x", "--arg", "far=1"], "to=x is no number"),
         (["--kernel", "{bad}:x"], r"does not build: line 1:\d+: use of undeclared identifier 'y'"),
-        (["--arg", "n=2"], "--arg and --items are for a kernel of your own"),
+        (["--arg", "n=2"], "--arg is for a kernel of your own; add --kernel FILE.cl:NAME"),
+        (["--items", "64"], "--items is for a kernel of your own"),
+        (
+            ["--project", "vega56"],
+            "--project is for a kernel of your own; .* 'gibench run --project",
+        ),
+        ([*COLUMNS, "--arg", "n=2", "--group", "8by8"], "--group '8by8' is no size; give for"),
+        ([*COLUMNS, "--arg", "n=2", "--group", "8x8"], "--group 8x8 needs the launch's size, too"),
+        ([*COLUMNS, "--arg", "n=2", "--items", "0"], "--items '0' is no size"),
+        (
+            [*COLUMNS, "--arg", "n=2", "--items", "64x9", "--group", "8x8"],
+            "--items 64x9 is no multiple of the work-group size 8x8; give --items 64x16",
+        ),
+        ([*COLUMNS, "--arg", "n=2", "--group", "64x64", "--items", "64x64"], "size 4096 is over"),
+        ([*COLUMNS, "--define", "2=3"], "--define '2=3' is not NAME=VALUE"),
+        ([*COLUMNS, "--define", "A", "--define", "A=1"], "--define A is given twice"),
+        ([*COLUMNS, "--arg", "n=2", "--project", "{bare}"], "has no machine part to project from"),
         ([*COLUMNS, "--arg", "n=5000000000"], "n=5000000000 is out of range; give -2147483648 to"),
         ([*COLUMNS, "--arg", "n=2", "--arg", "n=3"], "--arg n is given twice"),
         ([*COLUMNS, "--arg", "n=2", "--items", "64", "-w", "96"], "--items 64 is no multiple"),
@@ -188,7 +256,10 @@ def test_wrong_input_is_one_line(
     doubles, odd = tmp_path / "doubles.npy", tmp_path / "odd.npy"
     np.save(doubles, np.ones(8))
     np.save(odd, np.ones(7, np.float32))
-    given = [each.format(file=file, bad=bad, doubles=doubles, odd=odd) for each in arguments]
+    given = [
+        each.format(file=file, bad=bad, doubles=doubles, odd=odd, bare=bare(tmp_path))
+        for each in arguments
+    ]
     code, _ = explained(tmp_path, *given)
     error = capfd.readouterr().err.strip()
     assert code == 2
