@@ -156,7 +156,7 @@ def thin(candidates: Doubles, wanted: int, spacing: float) -> npt.NDArray[np.int
     while left > wanted:
         kept = np.flatnonzero(alive)
         one, other, weight = _pairs(candidates[kept], spacing)
-        density = np.bincount(one, weight, len(kept))
+        density: Doubles = np.bincount(one, weight, len(kept)).astype(np.float64, copy=False)
         # Few enough candidates are sorted by a radix sort, which NumPy has for small integers.
         small = np.uint16 if len(kept) <= 65536 else np.int32
         order = np.argsort(one.astype(small), kind="stable")
