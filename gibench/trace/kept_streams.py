@@ -18,7 +18,7 @@ from gibench.files import write_whole
 from gibench.trace.request import Sampling, TraceRequest
 from gibench.trace.streams import WaveStreams, thinned
 
-VERSION = 2
+VERSION = 3
 """Of what is kept: another one makes traces anew."""
 SAMPLING = Sampling(runs=3, length=24, words=16 << 20, seconds=5.0, unroll=True)
 """Runs long enough that groups which share a unit and its caches are in them."""

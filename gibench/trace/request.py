@@ -92,8 +92,9 @@ class Sampling:
         runs: of adjacent groups, spread evenly over the launch.
         length: groups of a run.
         words: 64-bit words of the record, at most: one for every block and access of a work-item.
-        seconds: no further group is begun after that long.
-        timeout: the process is ended after that long, seconds.
+        seconds: no further group is begun after so many of the processor's, which others that
+            compute at the same time do not use up.
+        timeout: the process is ended after so many of those.
         whole: run every group, for what the launch leaves in its buffers.
         unroll: unroll loops, as compilers of GPUs do.
     """

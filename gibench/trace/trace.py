@@ -24,6 +24,8 @@ from gibench.trace.instrument import Tables
 from gibench.trace.request import Sampling, TraceRequest, write_request
 from gibench.trace.worker import CACHE
 
+_WALL = 20
+"""Times the processor's seconds that the clock may show: a process that sleeps is ended, too."""
 CONSTANT_CACHE = 8 << 10
 """Bytes of a unit's cache of constant memory (NVIDIA, "CUDA C++ Programming Guide", "Technical
 Specifications per Compute Capability"); larger arrays are charged as global memory.
@@ -117,18 +119,18 @@ def _run(folder: Path, request: TraceRequest, sampling: Sampling) -> None:
         done = subprocess.run(
             command,
             env=environment,
-            timeout=sampling.timeout,
+            timeout=_WALL * sampling.timeout,
             capture_output=True,
             text=True,
             errors="replace",
         )
     except subprocess.TimeoutExpired as error:
-        raise CheckFailed(
-            f"did not end within {sampling.timeout:g} s{_in_group(folder)}", where=request.label
-        ) from error
+        raise _endless(folder, request, sampling) from error
     refused = folder / "refused.json"
     if refused.is_file():
         raise _refusal(json.loads(refused.read_text(encoding="utf-8")))
+    if done.returncode == -signal.SIGXCPU:
+        raise _endless(folder, request, sampling)
     if done.returncode < 0:
         number = -done.returncode
         known = {each.value: each.name for each in signal.Signals}
@@ -141,6 +143,12 @@ def _run(folder: Path, request: TraceRequest, sampling: Sampling) -> None:
     if done.returncode or not (folder / "done.json").is_file():
         lines = done.stderr.strip().split("\n")
         raise GibenchError(f"the tracing process failed: {lines[-1]}", where=request.label)
+
+
+def _endless(folder: Path, request: TraceRequest, sampling: Sampling) -> CheckFailed:
+    return CheckFailed(
+        f"did not end within {sampling.timeout:g} s{_in_group(folder)}", where=request.label
+    )
 
 
 def _in_group(folder: Path) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+import resource
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -58,6 +60,9 @@ def trace(folder: Path) -> None:
         GibenchError: it cannot be traced.
     """
     request, sampling = read_request(folder)
+    _, most = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(sampling.timeout), most))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     bitcode = bitcode_of(request, folder / CACHE)
     instrumented = _instrumented(bitcode, request.kernel, sampling.unroll)
     machine = Machine(instrumented, request, sampling.words)

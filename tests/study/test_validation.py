@@ -139,7 +139,26 @@ def test_scores_by_hand(made) -> None:
     wrong = score.scored(predictions, {(*key, "a"): 20.0, (*key, "b"): 2.0, (*key, "c"): 2.01})
     figures = score.summary(wrong, times).iloc[0]
     assert figures["sure_right"] == 0.0 and figures["apart_sure"] == 1.0
-    # What was not measured is left out.
+    # What was not measured is left out; ranks are of what has a nominal time.
+    places = range(5)
+    table = pd.DataFrame(
+        {
+            "set": key[0],
+            "profile": key[1],
+            "name": list("abcde"),
+            "low_ms": 1.0,
+            "high_ms": 9.0,
+            "nominal_ms": [1.0, 2.0, np.nan, 4.0, 5.0],
+            "bound_by": "DRAM",
+            "driven_by": "",
+            "verdict": ["range", "range", "cannot tell", "range", "range"],
+            "reason": "",
+        }
+    )
+    five = frozen.Predictions(table, np.tile(np.arange(1.0, 6.0)[:, None], (1, 128)), {})
+    measured = {(*key, name): float(place) + 1 for name, place in zip("abcde", places, strict=True)}
+    figures = score.summary(score.scored(five, measured), five.times).iloc[0]
+    assert figures["rank"] == pytest.approx(1.0)
     assert len(score.scored(predictions, {(*key, "b"): 12.5})) == 1
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ from support.traced import traced
 
 from gibench.errors import BadInput, CannotRun, CheckFailed
 from gibench.trace.analysis import analyse
+from gibench.trace.execute import record
 from gibench.trace.facts import AccessFacts, LaunchFacts
-from gibench.trace.request import Sampling
+from gibench.trace.request import Sampling, TraceRequest
 from gibench.trace.trace import Trace
 
 SOURCE = """
@@ -315,6 +318,16 @@ def test_a_kernel_that_leaves_its_buffer_by_little_is_told() -> None:
 def test_a_kernel_that_never_ends_is_told() -> None:
     with pytest.raises(CheckFailed, match="did not end within 4 s in work-group 0"):
         refused("forever", Sampling(timeout=4.0), values=np.zeros(1, np.float32))
+
+
+def test_what_is_sampled_does_not_hang_on_what_else_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: 1000 * real())  # another program computes
+    machine = SimpleNamespace(run=lambda groups: (np.zeros(3, np.int64), np.array([3])))
+    machine.range_start = machine.range_end = np.zeros(0, np.int64)
+    request = TraceRequest("", {}, "k", [], 1, (16,), "k")
+    found = record(machine, request, Sampling(runs=2, length=8), lambda _: None)  # type: ignore[arg-type]
+    assert found.groups.tolist() == list(range(16))
 
 
 def test_a_group_with_too_much_to_tell_is_refused() -> None:

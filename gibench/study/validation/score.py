@@ -109,7 +109,7 @@ def _rank(rows: pd.DataFrame) -> float:
 
     found = [
         float(spearmanr(mine["nominal_ms"], mine["measured_ms"]).statistic)
-        for _, mine in rows.groupby(["set", "profile"], sort=False)
+        for _, mine in rows.dropna(subset="nominal_ms").groupby(["set", "profile"], sort=False)
         if len(mine) > 3
     ]
     return float(np.mean(found)) if found else float("nan")
