@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import updates
+from gibench.device import ProgramSpec, updates
 from gibench.techniques.parts.conformance.case import Bench, Case, off, run
+from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.material_table import MATERIAL_FLOATS
 from gibench.techniques.parts.recolouring import Recolouring, Shares
-from gibench.techniques.surfel_cache.shared_exponent import decode
+from gibench.techniques.surfel_cache.shared_exponent import SHARED_MACROS, decode
 
 Array = npt.NDArray[Any]
 
@@ -66,7 +67,8 @@ def recoloured(bench: Bench, rng: np.random.Generator, size: int, kind: str) -> 
     held = [device.upload(name, start.copy()) for name in names]
     store = tuple(updates(name, one) for name, one in zip(names, held, strict=True))
     table = device.upload("materials", materials)
-    recolouring = Recolouring.create(device, shares, table, f"{kind}.cl", store, 24)
+    program = ProgramSpec(f"{kind}.cl", {**SCENE_MACROS, **SHARED_MACROS})
+    recolouring = Recolouring.create(device, shares, table, program, store, 24)
     assert recolouring is not None
     for item in recolouring.passes():
         run(device, item.launches(), size)

@@ -115,6 +115,11 @@ def lanes_together(cl_device: Any) -> int:
     return min(max(int(cl_device.native_vector_width_float), 1), _MOST_WIDE)
 
 
+def unsigned_literal(value: int) -> str:
+    """A macro's value of type uint."""
+    return f"{value:#x}u"
+
+
 def _macro(value: Define) -> str:
     if isinstance(value, bool):
         return "1" if value else "0"

@@ -18,7 +18,13 @@ NODE_FLOATS = 7 * WIDTH
 BLOCK_FLOATS = 10 * WIDTH
 """Corner 0 x, y, z, corner 1, corner 2 of WIDTH triangles, then their scene indices (int32)."""
 STACK_ENTRIES = 128
-"""BVH_STACK of the kernel."""
+"""Nodes that a ray's traversal can keep for later."""
+BVH_MACROS = {
+    "BVH_STACK": STACK_ENTRIES,
+    "BVH_NODE_FLOATS": NODE_FLOATS,
+    "BVH_BLOCK_FLOATS": BLOCK_FLOATS,
+}
+"""Of every program that includes kernels_cl/common/bvh.cl."""
 
 # A node visit takes one entry off the stack and puts up to WIDTH on it.
 _MAX_DEPTH = (STACK_ENTRIES - 1) // (WIDTH - 1)

@@ -21,7 +21,7 @@ from gibench.device import (
     writes,
 )
 from gibench.device.build import Define
-from gibench.rays.bvh import BLOCK_FLOATS, Bvh
+from gibench.rays.bvh import BLOCK_FLOATS, BVH_MACROS, Bvh
 from gibench.rays.bvh_wide import WIDTH
 from gibench.rays.embree import rays_of
 from gibench.rays.tracer import Hits
@@ -108,7 +108,7 @@ class DeviceBvh:
     @property
     def defines(self) -> dict[str, Define]:
         """The macros of programs that trace through it."""
-        return {} if self.cutouts is None else {"CUTOUTS": 1}
+        return {**BVH_MACROS, **({} if self.cutouts is None else {"CUTOUTS": 1})}
 
 
 def packet_rays(device: Device) -> int:

@@ -26,12 +26,10 @@ from gibench.reference.packed import pack_scene
 from gibench.reference.path_tracer import LEAST_ROUNDS, Reference
 from gibench.reference.starts import RayStart
 from gibench.reference.wavefront import Wavefront
-from gibench.scene.gloss import gloss_at
+from gibench.scene.gloss import DIELECTRIC_F0, LEAST_ALPHA, gloss_at
 from gibench.scene.lightmap.albedo import bilinear
 from gibench.scene.model import Camera, Scene
 
-_LEAST_ALPHA = 1e-3
-_DIELECTRIC = 0.04
 _BATCH = 1 << 18
 """Paths at once."""
 
@@ -210,7 +208,7 @@ def _seen(
     gloss = np.array([(m.roughness, m.metalness) for m in scene.materials])[material]
     if scene.gloss_maps is not None:
         gloss = gloss_at(scene.gloss_maps, gloss, triangle, weights)
-    f0 = _DIELECTRIC + (color - _DIELECTRIC) * gloss[:, 1:]
+    f0 = DIELECTRIC_F0 + (color - DIELECTRIC_F0) * gloss[:, 1:]
     return _Seen(
         path[front],
         np.einsum("nk,nkx->nx", weights, points)[front],
@@ -218,7 +216,7 @@ def _seen(
         geometric[front],
         view[front],
         f0[front],
-        np.maximum(gloss[front, 0] ** 2, _LEAST_ALPHA),
+        np.maximum(gloss[front, 0] ** 2, LEAST_ALPHA),
     )
 
 

@@ -18,6 +18,7 @@ from gibench.device import Argument, Device, Launch, ProgramSpec, SharedBuffer, 
 from gibench.device.build import Define
 from gibench.device.selection import first_device
 from gibench.errors import CannotRun
+from gibench.reference.packed import RECORD_MACROS
 
 GROUP = 256
 
@@ -93,11 +94,10 @@ def program_on(
 ) -> HostProgram:
     """The reference kernels on a device that shares the host's memory; see :func:`host_program`."""
     lanes = device.vector_width
-    defines: dict[str, Define] = {"GROUP": group, "VEC": lanes}
+    defines: dict[str, Define] = {**RECORD_MACROS, "GROUP": group, "VEC": lanes, "RAY_SCALE": scale}
     defines |= {"CUTOUTS": 1} if cutouts else {}
     defines |= {"GLOW": 1} if glow else {}
     defines |= {"NORMAL_MAPS": 1} if normal_maps else {}
-    defines |= {"RAY_SCALE": f"{scale!r}f"} if scale != 1.0 else {}
     program = ProgramSpec("reference/path.cl", defines)
     return HostProgram(device, program, group, lanes)
 

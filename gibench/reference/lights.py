@@ -26,6 +26,8 @@ from gibench.scene.model import (
     Scene,
 )
 
+LIGHT_FLOATS = 12
+"""Of a delta light (kernels_cl/reference/lights.cl)."""
 # KHR_lights_punctual bounds the cone's fade below by this difference of cosines.
 _LEAST_FADE = 0.001
 
@@ -154,7 +156,7 @@ def delta_lights(lights: Sequence[Light]) -> Floats:
     Kind 0 is directional (colour: irradiance), 1 point, 2 spot (colour: intensity). The spot's
     fade is clamp(cos * scale + offset, 0, 1) squared, as KHR_lights_punctual has it.
     """
-    table = np.zeros((len(lights), 12), np.float64)
+    table = np.zeros((len(lights), LIGHT_FLOATS), np.float64)
     for row, light in zip(table, lights, strict=True):
         if isinstance(light, DirectionalLight):
             row[3:6] = light.direction

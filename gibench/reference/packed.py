@@ -10,6 +10,7 @@ from gibench.arrays import Floats, Ints
 from gibench.errors import BadInput
 from gibench.rays.offset import ray_scale
 from gibench.reference.lights import (
+    LIGHT_FLOATS,
     EmitterTable,
     EnvironmentTable,
     delta_lights,
@@ -20,9 +21,14 @@ from gibench.scene.cutouts import Words
 from gibench.scene.lightmap import Fragments
 from gibench.scene.model import Scene
 
-# Floats per record, as kernels_cl/reference/surface.cl has them.
-_TRIANGLE = 28
-_MATERIAL = 8
+TRIANGLE_FLOATS, MATERIAL_FLOATS = 28, 8
+"""Of a record (kernels_cl/reference/surface.cl)."""
+RECORD_MACROS = {
+    "TRIANGLE_FLOATS": TRIANGLE_FLOATS,
+    "MATERIAL_FLOATS": MATERIAL_FLOATS,
+    "LIGHT_FLOATS": LIGHT_FLOATS,
+}
+"""Of every program that reads them."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +93,12 @@ def pack_scene(scene: Scene, frame: int, normal_maps: bool = False) -> PackedSce
     if not len(scene.triangles):
         raise BadInput("the scene has no triangles", where=scene.name)
     emitters = emitter_table(scene)
-    triangles = np.zeros((len(scene.triangles), _TRIANGLE), np.float32)
+    triangles = np.zeros((len(scene.triangles), TRIANGLE_FLOATS), np.float32)
     triangles[:, 0:9] = scene.positions[scene.triangles].reshape(-1, 9)
     triangles[:, 9:18] = scene.normals[scene.triangles].reshape(-1, 9)
     triangles[:, 18:24] = scene.uvs[scene.triangles].reshape(-1, 6)
     triangles[:, 24] = np.ascontiguousarray(scene.material_ids, np.int32).view(np.float32)
-    materials = np.zeros((len(scene.materials), _MATERIAL), np.float32)
+    materials = np.zeros((len(scene.materials), MATERIAL_FLOATS), np.float32)
     materials[:, 0:3] = [m.base_color for m in scene.materials]
     materials[:, 3:6] = [m.emission for m in scene.materials]
     texture = np.array([m.texture for m in scene.materials], np.int32)
@@ -120,7 +126,7 @@ def pack_scene(scene: Scene, frame: int, normal_maps: bool = False) -> PackedSce
         materials,
         np.concatenate(pixels) if pixels else np.zeros((1, 3), np.float32),
         images if len(images) else np.zeros((1, 3), np.int32),
-        lights if len(lights) else np.zeros((0, 12), np.float32),
+        lights if len(lights) else np.zeros((0, LIGHT_FLOATS), np.float32),
         emitters,
         np.ascontiguousarray(scene.environment.pixels, np.float32),
         environment_table(scene.environment.pixels),

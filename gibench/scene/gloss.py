@@ -17,6 +17,10 @@ import numpy.typing as npt
 from gibench.arrays import Doubles, Floats, Ints
 from gibench.scene.image_rows import ROW_WORDS, Words, arrays_hash, packed_rows
 
+DIELECTRIC_F0 = 0.04
+"""What no metal reflects of light that falls on it straight (glTF 2.0, appendix B)."""
+LEAST_ALPHA = 1e-3
+"""Roughness squared of the smoothest surface, so that its lobe has a width."""
 _STEPS = 65535
 
 

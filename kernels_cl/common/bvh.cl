@@ -17,16 +17,9 @@
 #include "common/cutout.cl"
 #include "common/vec.cl"
 
-#define BVH_STACK 128
-#define BVH_NODE_FLOATS 56
-#define BVH_BLOCK_FLOATS 80
-
 // RAY_COUNTS=1, an instrumented build (gibench/device/program.py): every kernel that takes BVH_PARAMS
 // takes ray_counts too and adds its closest-hit rays to the first word and its any-hit rays to the
 // second. Results stay the same.
-#ifndef RAY_COUNTS
-#define RAY_COUNTS 0
-#endif
 #if RAY_COUNTS
 #define BVH_PARAMS                                                                                  \
     __global const float *bvh_nodes, __global const float *bvh_triangles, __global uint *ray_counts \
@@ -34,12 +27,14 @@
 #define BVH_ARGS_OF(nodes, triangles) nodes, triangles, ray_counts CUTOUT_ARG
 #define BVH_COUNT_CLOSEST() atomic_inc(ray_counts)
 #define BVH_COUNT_OCCLUDED() atomic_inc(ray_counts + 1)
+#define BVH_COUNTS 1
 #else
 #define BVH_PARAMS \
     __global const float *bvh_nodes, __global const float *bvh_triangles CUTOUT_PARAM
 #define BVH_ARGS_OF(nodes, triangles) nodes, triangles CUTOUT_ARG
 #define BVH_COUNT_CLOSEST()
 #define BVH_COUNT_OCCLUDED()
+#define BVH_COUNTS 0
 #endif
 #define BVH_ARGS BVH_ARGS_OF(bvh_nodes, bvh_triangles)
 

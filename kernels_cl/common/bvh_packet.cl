@@ -16,10 +16,6 @@
 
 #include "common/vec_width.cl"
 
-#ifndef PACKET
-#define PACKET 16
-#endif
-
 typedef VEC_JOIN(float, PACKET) pfloat;
 typedef VEC_JOIN(int, PACKET) pint;
 #define pload(i, p) VEC_JOIN(vload, PACKET)(i, p)
@@ -27,9 +23,7 @@ typedef VEC_JOIN(int, PACKET) pint;
 
 // What a packet may spend, a node counting 1 and a block of triangles 4 (their times, measured on
 // PoCL). Sixteen single primary rays in Sponza spend about 400 in these units.
-#ifndef BVH_PACKET_BUDGET
 #define BVH_PACKET_BUDGET (10 * PACKET)
-#endif
 
 typedef struct {
     pfloat t;
@@ -254,7 +248,7 @@ inline HitPacket bvh_closest_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz,
 {
     BvhPacket p;
     // Counted, every ray goes alone.
-    if (RAY_COUNTS || !bvh_packet(ox, oy, oz, dx, dy, dz, &p))
+    if (BVH_COUNTS || !bvh_packet(ox, oy, oz, dx, dy, dz, &p))
         return bvh_closest_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
     HitPacket hits;
     hits.t = INFINITY, hits.u = 0.0f, hits.v = 0.0f, hits.triangle = -1;
@@ -326,7 +320,7 @@ inline pint bvh_occluded_packet(BVH_PARAMS, pfloat ox, pfloat oy, pfloat oz, pfl
 {
     BvhPacket p;
     // Counted, every ray goes alone.
-    if (RAY_COUNTS || !bvh_packet(ox, oy, oz, dx, dy, dz, &p))
+    if (BVH_COUNTS || !bvh_packet(ox, oy, oz, dx, dy, dz, &p))
         return bvh_occluded_singly(BVH_ARGS, ox, oy, oz, dx, dy, dz, t_max);
     pint blocked = 0;
     pfloat limits = t_max; // of rays still open; blocked ones have 0

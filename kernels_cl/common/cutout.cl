@@ -9,10 +9,6 @@
 #ifndef GIBENCH_CUTOUT
 #define GIBENCH_CUTOUT
 
-#ifndef CUTOUTS
-#define CUTOUTS 0
-#endif
-
 #if CUTOUTS
 #define CUTOUT_PARAM , __global const uint *cutouts
 #define CUTOUT_ARG , cutouts

@@ -3,7 +3,8 @@
 // has it for light from all around) and Schlick's Fresnel term; and Karis's split sum: what a surface reflects
 // of light that is alike within its lobe.
 //
-// Macro: SPLIT_SUM_SIDE, entries of the table's side (gibench.techniques.parts.split_sum).
+// Macros (gibench.techniques.parts.split_sum): SPLIT_SUM_SIDE, entries of the table's side; LEAST_ALPHA, of
+// the smoothest surface; DIELECTRIC_F0, what one that is no metal reflects of light that falls on it straight.
 //
 // Roughness is perceptual, 0 to 1: alpha is its square (Burley 2012). Directions are unit and point away
 // from the surface.
@@ -11,11 +12,6 @@
 #define GIBENCH_GGX
 
 #include "common/vec.cl"
-
-// The smoothest surface, so that its lobe has a width.
-#define LEAST_ALPHA 1e-3f
-// What a surface that is no metal reflects of light that falls on it straight (glTF 2.0, appendix B).
-#define DIELECTRIC_F0 0.04f
 
 inline float ggx_alpha(float roughness)
 {

@@ -12,10 +12,6 @@
 
 #include "common/material.cl"
 
-#ifndef GLOSS_MAPS
-#define GLOSS_MAPS 0
-#endif
-
 #if GLOSS_MAPS
 #define GLOSS_PARAM , __global const uint *gloss_maps
 #define GLOSS_ARG , gloss_maps
@@ -62,12 +58,6 @@ inline float2 gloss_at(__global const int *material_ids, __global const float *m
 #else
     return own;
 #endif
-}
-
-// What a surface reflects at normal incidence (glTF 2.0, appendix B.2).
-inline float3 reflectance(float3 base_color, float metalness)
-{
-    return mix((float3)(0.04f), base_color, metalness);
 }
 
 #endif

@@ -10,10 +10,6 @@
 #ifndef GIBENCH_GLOW
 #define GIBENCH_GLOW
 
-#ifndef GLOW
-#define GLOW 0
-#endif
-
 #if GLOW
 #define GLOW_PARAM , __global const uint *glow
 #define GLOW_ARG , glow

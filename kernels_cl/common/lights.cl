@@ -1,12 +1,13 @@
 // Direct light from point, spot and directional lights, with shadow rays.
 //
-// A light is LIGHT_FLOATS floats (a macro of gibench.techniques.parts.macros), written by
+// A light is LIGHT_FLOATS floats (macros: gibench.techniques.parts.macros), written by
 // gibench.techniques.parts.light_table:
-//   0      kind: 0 directional, 1 point, 2 spot
+//   0      kind: LIGHT_DIRECTIONAL, LIGHT_POINT or LIGHT_SPOT
 //   1-3    position (point, spot), m
 //   4-6    unit direction the light travels along (directional, spot)
 //   7-9    irradiance on a facing surface (directional), W/m2; intensity (point, spot), W/sr
 //   10-11  scale and offset of the cone's fading (spot)
+// A shadow ray ends at SHADOW_RAY_SHARE of its way.
 #ifndef GIBENCH_LIGHTS
 #define GIBENCH_LIGHTS
 
@@ -14,16 +15,8 @@
 #include "common/bvh.cl"
 #include "common/sampling.cl"
 
-#define LIGHT_DIRECTIONAL 0
-#define LIGHT_POINT 1
-#define LIGHT_SPOT 2
-
 #define LIGHT_PARAMS __global const float *lights, int light_count
 #define LIGHT_ARGS lights, light_count
-
-// A shadow ray stops this share of the way short of a light, so that it never meets geometry
-// that touches the light.
-#define SHADOW_RAY_SHARE 0.9999f
 
 typedef struct {
     float3 towards;    // unit, from the point to the light

@@ -10,10 +10,6 @@
 #ifndef GIBENCH_NORMAL_MAP
 #define GIBENCH_NORMAL_MAP
 
-#ifndef NORMAL_MAPS
-#define NORMAL_MAPS 0
-#endif
-
 #if NORMAL_MAPS
 #define NORMAL_MAP_PARAM , __global const uint *normal_maps
 #define NORMAL_MAP_ARG , normal_maps

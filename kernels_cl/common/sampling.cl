@@ -5,9 +5,6 @@
 #include "common/vec.cl"
 
 // What lengths of our own are multiplied with in scenes of millimetres (gibench/rays/offset.py).
-#ifndef RAY_SCALE
-#define RAY_SCALE 1.0f
-#endif
 
 // One coordinate moved 256 units in the last place along the normal, or by a fixed step near 0.
 inline float offset_coordinate(float p, float n)

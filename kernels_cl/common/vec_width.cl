@@ -1,15 +1,12 @@
-// Explicit vectors of VEC floats (1, 2, 4, 8 or 16); PoCL does not vectorise across work-items.
+// Explicit vectors of VEC floats (2, 4, 8 or 16; scalars where VEC is 1 or not given); PoCL does not
+// vectorise across work-items.
 #ifndef GIBENCH_VEC_WIDTH
 #define GIBENCH_VEC_WIDTH
-
-#ifndef VEC
-#define VEC 1
-#endif
 
 #define VEC_JOIN_(a, b) a##b
 #define VEC_JOIN(a, b) VEC_JOIN_(a, b)
 
-#if VEC == 1
+#if VEC <= 1
 typedef float vfloat;
 typedef int vint;
 typedef uint vuint;

@@ -106,7 +106,6 @@ inline void group_sum(float *value, uint *count, __local float *values, __local 
 }
 
 // Texels each work-item of variability_sums adds up.
-#define SUM_ITEMS 16
 
 // variability_sums: one work-item per SUM_ITEMS texels.
 //   Per group: the sum over active, blended probes' coefficients of variation, and their number.

@@ -5,12 +5,11 @@
 // RAY_PLANES rows of LANES floats: radiance (0 on a back), 1 on a front and 0 on a back, the
 // distance and its square as they are blended.
 //
-// Macros: DISTANCE_EXPONENT, and WHOLE_EXPONENT, the same where it is a whole number and else 0.
+// Macros: RAY_PLANES; DISTANCE_EXPONENT, and WHOLE_EXPONENT, the same where it is a whole number and else 0.
 #ifndef GIBENCH_DDGI_RAYS
 #define GIBENCH_DDGI_RAYS
 
 #define FAR_AWAY 1e27f
-#define RAY_PLANES 6
 
 // A back counts as a fifth as far as it is: a probe near one should not be seen through it
 // (RTXGI-DDGI 1.3.7). Clamped, in units of the longest distance that counts.

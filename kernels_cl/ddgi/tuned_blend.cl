@@ -10,7 +10,6 @@
 #include "ddgi/texel.cl"
 
 // Entries of a list are added in fours; lists are filled up with rays of weight 0.
-#define LIST_STEP 4
 #define LIST_LENGTH ((BLENDED + LIST_STEP - 1) / LIST_STEP * LIST_STEP)
 
 // blend_weights: one work-item per texel.

@@ -7,11 +7,7 @@
 
 #include "gibs/frame.cl"
 
-// Coverage as it is compared: rounded to 1/4096, so that a pixel right on a surfel, whose weight is
-// 1 but for rounding, counts as covered once.
-#define COVERAGE_STEPS 4096.0f
-#define COVERAGE_MOST 16777215u
-
+// Coverage as it is compared.
 inline uint coverage_steps(float coverage)
 {
     return min(convert_uint_sat_rte(coverage * COVERAGE_STEPS), COVERAGE_MOST);
@@ -20,7 +16,6 @@ inline uint coverage_steps(float coverage)
 // bare      coverage, in steps, under which a surface is bare
 // ray_hit   (rays,) of rays that hit it: triangle (an int) and barycentrics
 // cell_ray  (GRID_CELLS,) the least key among them, NO_RAY where there is none
-#define NO_RAY 0xffffffffu
 #if BY_RAYS
 #define BARE_PARAMS uint bare, __global float4 *ray_hit, __global uint *cell_ray,
 #else
@@ -28,9 +23,7 @@ inline uint coverage_steps(float coverage)
 #endif
 
 // A number for each ray, one to one, in an order that changes with the frame.
-#define KEY_FACTOR 0x9e3779b1u
-#define KEY_INVERSE 0xe8b2f51u // times KEY_FACTOR: 1 modulo 2^32
-
+// KEY_INVERSE times KEY_FACTOR is 1 modulo 2^32.
 inline uint key_mask(__global const uint *frame)
 {
     return random_words(frame[FRAME_SEED], frame[FRAME_NUMBER], 0xba4eu).x;

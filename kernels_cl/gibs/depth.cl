@@ -1,18 +1,17 @@
-// The hemisphere of a surfel as a 4 x 4 texture, and the depth test on it.
+// The hemisphere of a surfel as a texture of HEMISPHERE_SIDE x HEMISPHERE_SIDE texels, and the depth test on it.
 //
 // A direction's projection onto the tangent plane lies in the unit disk; Shirley and Chiu's 1997
 // concentric map takes the disk to the square and keeps areas, so that under cosine-distributed
 // rays all texels are equally likely.
-// moments: 48 floats per surfel: 16 mean distances, m, 16 mean squared distances, and how many rays
-// each of the 16 texels has had.
+// moments: MOMENT_FLOATS per surfel: mean distances of its texels, m, mean squared distances, and how many
+// rays each texel has had.
 #ifndef GIBENCH_GIBS_DEPTH
 #define GIBENCH_GIBS_DEPTH
 
 #include "common/vec.cl"
 
-#define HEMISPHERE_SIDE 4
-#define HEMISPHERE_TEXELS 16
-#define MOMENT_FLOATS 48
+#define HEMISPHERE_TEXELS (HEMISPHERE_SIDE * HEMISPHERE_SIDE)
+#define MOMENT_FLOATS (3 * HEMISPHERE_TEXELS)
 
 // Square [-1, 1]^2 to the disk.
 inline float2 disk_of_square(float2 s)

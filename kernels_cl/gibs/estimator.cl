@@ -11,9 +11,8 @@
 #ifndef GIBENCH_GIBS_ESTIMATOR
 #define GIBENCH_GIBS_ESTIMATOR
 
-// estimator: ESTIMATOR_ROWS rows of CAPACITY floats: mean 0-2, short mean 3-5, variance 6-8, blend
+// estimator: twelve rows of CAPACITY floats: mean 0-2, short mean 3-5, variance 6-8, blend
 // factor 9, inconsistency 10, rays taken in, as many as make a difference, 11.
-#define ESTIMATOR_ROWS 12
 #define ROW_MEAN 0
 #define ROW_SHORT_MEAN 3
 #define ROW_VARIANCE 6
@@ -24,8 +23,6 @@
 // The estimator's constants, all of the chapter's listing.
 #define SHORT_WINDOW 0.08f
 #define SMALLEST_VARIANCE 1e-5f
-// Rays; what its least blend would come to if the blend factor did not lower it.
-#define LONGEST_WINDOW 256.0f
 // A ray counts as much as so many before it: the first ones find surfels dark that have had no rays
 // themselves, and a plain mean would keep that for as long as it goes on. Ours.
 #define FIRST_RAYS 4.0f

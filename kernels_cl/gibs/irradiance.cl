@@ -12,9 +12,6 @@
 #include "gibs/estimator.cl"
 #include "gibs/bare.cl"
 
-// A surfel seen within so many frames counts as visible: application marks every pixel once in as
-// many (gibs/application.cl).
-#define VISIBLE_FRAMES 16
 // Share of a surfel's rays it asks for while it is out of sight; ours.
 #define HIDDEN_SHARE 0.25f
 // What a surfel asks for is CONSISTENT_SHARE + its inconsistency, at most MOST_INCONSISTENT; ours.
@@ -22,12 +19,6 @@
 #define MOST_INCONSISTENT 4.0f
 #define REQUEST_UNITS 256.0f
 
-// Chance that guiding leaves the choice of direction to the cosine, so that none is left out and no
-// ray weighs more than twice; ours.
-#define GUIDE_UNIFORM 0.5f
-// Rays, by the cosine, before a surfel's guide guides: a texel that no ray has been sent to is no
-// dark one, and the guide would send three quarters of the rays to the first bright texel; ours.
-#define GUIDE_FIRST_RAYS 64.0f
 // Weight of a new sample in the guide and, once they have had many, in the depth moments; ours.
 #define GUIDE_RATE 0.1f
 #define MOMENT_RATE 0.05f

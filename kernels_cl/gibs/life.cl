@@ -11,12 +11,9 @@
 #include "gibs/estimator.cl"
 #include "gibs/bare.cl"
 
-#define PLACEMENT_TILE 16
 #define TILE_PIXEL_COUNT (PLACEMENT_TILE * PLACEMENT_TILE)
 
-#define NO_PIXEL 0xffffffffu
-
-// coverage: one work-group per tile of 16 x 16 pixels. Finds the tile's least covered pixel by one
+// coverage: one work-group per tile of PLACEMENT_TILE x PLACEMENT_TILE pixels. Finds the tile's least covered pixel by one
 // atomic minimum over words that hold the coverage above the pixel's number in the tile.
 // least: (tiles,) that word; NO_PIXEL where the tile shows no surface.
 __kernel void coverage(__global const float4 *g_position, __global const float4 *indirect,

@@ -14,9 +14,6 @@
 #include "common/shade.cl"
 #include "parts/gbuffer.cl"
 
-#ifndef REFLECTED
-#define REFLECTED 0
-#endif
 
 // application: one work-item per PIXELS pixels in a row of the tiled order (common/pixels.cl).
 //   radiance = direct light + albedo / pi irradiance looked up

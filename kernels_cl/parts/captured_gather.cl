@@ -18,9 +18,6 @@
 #ifndef GIBENCH_CAPTURED_GATHER
 #define GIBENCH_CAPTURED_GATHER
 
-#ifndef LOBE_STEPS
-#define LOBE_STEPS 0
-#endif
 
 #include "parts/octahedral_maps.cl"
 #include "parts/probe_volume.cl"

@@ -1,7 +1,8 @@
 // Radiance prefiltered for gloss: octahedral maps of every probe, one for each of LOBE_STEPS steps of
 // roughness from a mirror to the roughest, each half as wide as the one before down to LEAST_LOBE_SIDE.
 //
-// Macros besides those of parts/octahedral_maps.cl and parts/probe_volume.cl: SIDE, LOBE_STEPS (2 or more).
+// Macros besides those of parts/octahedral_maps.cl and parts/probe_volume.cl: SIDE, LOBE_STEPS (2 or more),
+// LEAST_LOBE_SIDE.
 //
 // lobe_maps  step by step, per probe (side + 2)^2 texels of 4: radiance, W/m2/sr; the fourth is not used
 #ifndef GIBENCH_CAPTURED_LOBES
@@ -10,8 +11,6 @@
 #include "common/ggx.cl"
 #include "parts/octahedral_maps.cl"
 #include "parts/probe_volume.cl"
-
-#define LEAST_LOBE_SIDE 8
 
 inline int lobe_side(int step)
 {

@@ -1,6 +1,7 @@
 // Captured probes lit anew from their G-buffers.
 //
-// Macros besides those of parts/captured_gather.cl: GATHERS (0: directly lit alone, one bounce).
+// Macros besides those of parts/captured_gather.cl: GATHERS (0: directly lit alone, one bounce),
+// NO_FRONT, WEIGHT_UNITS (of a barycentric weight).
 #include "common/bvh.cl"
 #include "common/lights.cl"
 #include "common/material.cl"
@@ -8,8 +9,6 @@
 #include "common/shade.cl"
 #include "parts/captured_filter_layout.cl"
 #include "parts/captured_gather.cl"
-
-#define NO_FRONT 0xffffffffu
 
 // probe_relight: one work-item per texel of a probe that is relit.
 //   radiance = emission + albedo / pi (direct irradiance + what the probes hold there from the frame
@@ -31,7 +30,7 @@ __kernel void probe_relight(BVH_PARAMS, SHAPE_PARAMS, LIGHT_PARAMS, VOLUME_PARAM
     float3 sent = vload_half4(place, captured_emission).xyz;
     const uint2 shown = captured_hits[place];
     if (shown.x != NO_FRONT) {
-        const Hit hit = {0.0f, (shown.y & 0xffffu) / 65535.0f, (shown.y >> 16) / 65535.0f, (int)shown.x};
+        const Hit hit = {0.0f, (shown.y & 0xffffu) / WEIGHT_UNITS, (shown.y >> 16) / WEIGHT_UNITS, (int)shown.x};
         const Surface s = surface_shape(SHAPE_ARGS, hit);
         const float3 direction = normalize(s.position - probe_position(VOLUME_ARGS, probe));
         float3 irradiance = direct_irradiance(BVH_ARGS, LIGHT_ARGS,

@@ -3,9 +3,6 @@
 // In place and free of races: of valid texels (w = 1) everything is only read, of invalid ones x, y
 // and z are only written and w, which stays 0, is only read.
 // COMPONENTS: of the signal (common/lightmap.cl); those of a texel lie side by side.
-#ifndef COMPONENTS
-#define COMPONENTS 1
-#endif
 
 inline void dilate_texel(__global float *map, int width, int height, int x, int y)
 {

@@ -13,14 +13,8 @@
 
 #include "parts/octahedral_maps.cl"
 
-#ifndef PROBE_VISIBILITY
-#define PROBE_VISIBILITY 1
-#endif
-// 1: texels and probes are averaged as what they stand for. 0: texels as they are stored, probes as
+// LINEAR 1: texels and probes are averaged as what they stand for. 0: texels as they are stored, probes as
 // square roots (RTXGI-DDGI 1.3.7), which is darker where they differ.
-#ifndef LINEAR
-#define LINEAR 0
-#endif
 
 #define IRRADIANCE_TEXELS (IRRADIANCE_SIDE * IRRADIANCE_SIDE)
 #define IRRADIANCE_MAP MAP_TEXELS(IRRADIANCE_SIDE)

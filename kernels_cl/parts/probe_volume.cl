@@ -1,6 +1,7 @@
 // A regular grid of probes: where they are, and which of them hold something.
 //
-// Macros: PROBES, PROBES_X, PROBES_Y, PROBES_Z (probes along each axis).
+// Macros: PROBES, PROBES_X, PROBES_Y, PROBES_Z (probes along each axis); PROBE_ACTIVE (casts all its rays)
+// and PROBE_BLENDED (its maps hold something).
 //
 // volume      9 floats: origin, spacing (m), scroll (gibench.techniques.parts.probe_volume)
 // probe_data  per probe its offset from the grid (m) and its state (PROBE_ACTIVE and PROBE_BLENDED,
@@ -9,9 +10,6 @@
 #define GIBENCH_PROBE_VOLUME
 
 #include "common/vec.cl"
-
-#define PROBE_ACTIVE 1  // casts all its rays
-#define PROBE_BLENDED 2 // its maps hold something
 
 #define VOLUME_PARAMS __global const float *volume, __global const float4 *probe_data
 #define VOLUME_ARGS volume, probe_data

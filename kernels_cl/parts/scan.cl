@@ -14,20 +14,13 @@
 #ifndef GIBENCH_SCAN
 #define GIBENCH_SCAN
 
-// Work-items of a wave; they divide the work-group size.
-#ifndef WAVE
-#define WAVE 32
-#endif
-
-// Values per work-item of the blocked scan.
-#define SCAN_ITEMS 16
-
-// Values per work-item that lie in local memory at once in the layout `simt`, a divisor of SCAN_ITEMS:
+// Macros: WAVE, work-items of a wave, which divide the work-group size; without it there is no scan by
+// waves. SCAN_ITEMS, values per work-item of the blocked scan.
+// STAGED: values per work-item that lie in local memory at once in the layout `simt`, a divisor of SCAN_ITEMS:
 // neighbouring work-items fetch and store neighbouring values, and each adds up its own from there.
 // 0: every work-item reads its own from global memory.
-#ifndef STAGED
-#define STAGED 0
-#endif
+
+#if WAVE
 
 // scan_waves: one work-item per value.
 //   prefix[i] = sum of the values before i in the same wave; totals[w] = sum of wave w.
@@ -65,6 +58,7 @@ __kernel void scan_add(__global uint *prefix, __global const uint *length,
     if (i < length[0])
         prefix[i] += offsets[i / WAVE];
 }
+#endif
 
 // Inclusive prefix sum over the work-group, any size; `partial` holds 2 * local size words. Every
 // work-item must call it.

@@ -14,24 +14,17 @@
 
 #include "common/vec.cl"
 
-// packed: PACKED_ROWS rows of PACKED_STRIDE floats, an entry of the grid's lists per column:
-// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries, room for one vector.
-#define PACKED_STRIDE (ENTRIES + 16)
-#define PACKED_ROWS 11
+// packed: eleven rows of PACKED_STRIDE floats, an entry of the grid's lists per column:
+// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries, room for one vector, PACKED_PADDING.
+#define PACKED_STRIDE (ENTRIES + PACKED_PADDING)
 #define PACKED_RADIUS 6
 #define PACKED_IRRADIANCE 7
 #define PACKED_NEAREST 10
 
-// A surfel's extent along its normal is its radius over this: the Mahalanobis metric's stretch.
-#ifndef NORMAL_STRETCH
-#define NORMAL_STRETCH 4.0f
-#endif
-
-// 1: a surfel goes into its cell and all neighbours (Ekberg 2022, section 4.2.1). 0: only into
-// cells that its ellipsoid may reach.
-#ifndef ALL_NEIGHBOURS
-#define ALL_NEIGHBOURS 0
-#endif
+// NORMAL_STRETCH: a surfel's extent along its normal is its radius over this, the Mahalanobis metric's
+// stretch.
+// ALL_NEIGHBOURS 1: a surfel goes into its cell and all neighbours (Ekberg 2022, section 4.2.1). 0: only
+// into cells that its ellipsoid may reach.
 
 // A box of cells of one region of the grid, ends included.
 typedef struct {

@@ -9,7 +9,6 @@
 #define SURFEL_ANGLE 4      // a surfel's radius per metre from the camera, float
 #define SURFEL_MIN_RADIUS 5 // m, float
 #define SURFEL_MAX_RADIUS 6 // m, float
-#define SURFEL_WORDS 7
 
 inline float3 surfel_camera(__global const uint *frame)
 {

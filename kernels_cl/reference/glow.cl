@@ -13,10 +13,6 @@
 #define GIBENCH_REFERENCE_GLOW
 #include "reference/surface.cl"
 
-#ifndef GLOW
-#define GLOW 0
-#endif
-
 #if GLOW
 #define GLOW_PARAM , __global const uint *glow
 #define GLOW_ARG , glow

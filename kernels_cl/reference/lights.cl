@@ -6,9 +6,8 @@
 #include "reference/sampler.cl"
 #include "reference/surface.cl"
 
-// A delta light is a record of 12 floats: position, direction it shines along, irradiance or
+// A delta light is a record of LIGHT_FLOATS floats: position, direction it shines along, irradiance or
 // intensity, kind (0 directional, 1 point, 2 spot), spot scale, spot offset.
-#define LIGHT_FLOATS 12
 
 // A connection from a surface point to a light: its direction, how far the light is (m), and what
 // it would add to the integral of radiance times cosine over pi.

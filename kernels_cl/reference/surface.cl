@@ -3,12 +3,10 @@
 #define GIBENCH_REFERENCE_SURFACE
 #include "common/vec.cl"
 
-// A triangle is a record of 28 floats: positions, shading normals, texture coordinates of its
+// A triangle is a record of TRIANGLE_FLOATS floats: positions, shading normals, texture coordinates of its
 // three corners, material (an int's bits), three unused.
-#define TRIANGLE_FLOATS 28
-// A material is a record of 8 floats: base colour, emission, texture (an int's bits, -1 for none),
+// A material is a record of MATERIAL_FLOATS floats: base colour, emission, texture (an int's bits, -1 for none),
 // density of light samples on it (1/m2).
-#define MATERIAL_FLOATS 8
 
 // The builtin guards against overflow, which costs more than all the rest.
 inline float3 unit(float3 v)
@@ -44,9 +42,6 @@ inline Surface surface_at(__global const float *triangles, int triangle, float u
 // meet the surface again (Waechter and Binder 2019, "A Fast and Robust Method for Avoiding
 // Self-Intersection", Ray Tracing Gems chapter 6, listing 6-1, with its constants). They are of scenes of
 // metres; for one of millimetres RAY_SCALE (gibench/rays/offset.py) makes them smaller.
-#ifndef RAY_SCALE
-#define RAY_SCALE 1.0f
-#endif
 inline float off_surface(float p, float n)
 {
     const int step = (int)(256.0f * n);

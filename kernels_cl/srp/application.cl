@@ -10,9 +10,6 @@
 #include "common/normal_map.cl"
 #include "common/shade.cl"
 
-#ifndef GLOSS
-#define GLOSS 0
-#endif
 
 #if GLOSS
 #include "common/ggx.cl"

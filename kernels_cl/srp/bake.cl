@@ -15,7 +15,7 @@
 //               receiver, then one per direction cell, then a row of HIDDEN and one of UNDECIDED
 // Every kernel runs with work-groups of one work-item that does a block of samples: PoCL keeps the
 // private arrays of a whole work-group on one thread's stack.
-// Macros: VEC, SH_ORDER, GRID (cells along one side of a probe's octahedral map, or 0:
+// Macros: BLOCK, samples of a work-item; HIDDEN, UNDECIDED, two of the three values; VEC, SH_ORDER, GRID (cells along one side of a probe's octahedral map, or 0:
 // no tables, every pair is UNDECIDED); COMPONENTS of the light at a receiver (1; 4 for order 1, see
 // gibench/techniques/srp/bake/data.py).
 #include "common/vec.cl"
@@ -23,12 +23,6 @@
 #include "common/sh.cl"
 #include "common/octahedral.cl"
 
-#define HIDDEN 0
-#define UNDECIDED 2
-#define BLOCK 64
-#ifndef COMPONENTS
-#define COMPONENTS 1
-#endif
 
 // One primary ray per sample (Bennett 2019, 5.6.2); a work-item is (block of samples, receiver).
 // The direction is distributed about the receiver's normal by what weighs radiance in its irradiance

@@ -3,9 +3,6 @@
 #include "common/vec.cl"
 #include "srp/storage.cl"
 
-#ifndef COMPONENTS
-#define COMPONENTS 1
-#endif
 
 // A cluster's row of `clusters`, CLUSTER_INTS ints.
 #define CLUSTER_INTS 5

@@ -3,9 +3,6 @@
 #ifndef GIBENCH_SRP_RELIT
 #define GIBENCH_SRP_RELIT
 
-#ifndef OCCLUDERS
-#define OCCLUDERS 0
-#endif
 #if OCCLUDERS
 #define BLOCKED_PARAM __global const float4 *blocked,
 #define BLOCKED_ARG blocked,

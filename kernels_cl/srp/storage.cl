@@ -65,9 +65,6 @@ typedef short stored_t; // the bits of a half
 // the matrix's end is not touched. FETCHES=1 where the host knows a processor that its compiler does not
 // name (Intel's runtime compiles for SPIR-V).
 #define CACHE_LINE 64
-#ifndef FETCHES
-#define FETCHES 0
-#endif
 #if STORAGE != STORAGE_FP32 && defined(__clang__) && (defined(__x86_64__) || FETCHES)
 #define STREAM_AHEAD 16384
 #define FETCH_AHEAD(p, BYTES)                                                     \

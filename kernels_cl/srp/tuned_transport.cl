@@ -3,9 +3,6 @@
 #include "common/vec.cl"
 #include "srp/storage.cl"
 
-#ifndef COMPONENTS
-#define COMPONENTS 1
-#endif
 
 // A block's row of `blocks`, BLOCK_INTS ints.
 #define BLOCK_INTS 3

@@ -1,10 +1,8 @@
 // Three channels in 32 bits: mantissas of 9 bits each, red lowest, and a shared exponent of 5 bits.
-// The layout and rounding of OpenGL's EXT_texture_shared_exponent: from 2^-24 to 65408, negative values
+// The layout and rounding of OpenGL's EXT_texture_shared_exponent: from 2^-24 to SHARED_MOST, negative values
 // and what is no number become 0, infinities the largest.
 #ifndef GIBENCH_SHARED_EXPONENT
 #define GIBENCH_SHARED_EXPONENT
-
-#define SHARED_MOST 65408.0f
 
 inline uint shared_encode(float3 c)
 {

@@ -7,7 +7,6 @@
 #include "surfel_cache/shared_exponent.cl"
 
 // What a surfel's place in the map is where it has none.
-#define NO_PLACE 0xffffffffu
 
 inline float snorm16(uint bits)
 {

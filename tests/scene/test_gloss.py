@@ -21,7 +21,9 @@ from gibench.scene.load import load_scene
 from gibench.scene.model import Material, Scene
 from gibench.scene.readers.gltf_gloss import metalness_of
 from gibench.scene.readers.textures import resampled, srgb_to_linear
+from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.material_table import material_macros, material_table
+from gibench.techniques.parts.split_sum import GLOSS_MACROS
 
 SQUARE = np.float32([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 UVS = np.float32([[0, 1], [1, 1], [1, 0], [0, 0]])  # glTF's v points down
@@ -233,7 +235,7 @@ __kernel void look_up(__global const int *material_ids, __global const float *ma
     Hit hit;
     hit.triangle = of[i], hit.u = uv[2 * i], hit.v = uv[2 * i + 1];
     vstore2(gloss_at(material_ids, materials GLOSS_ARG, hit), i, out);
-    vstore3(reflectance((float3)(0.5f, 0.25f, 1.0f), uv[2 * i]), i, out + 2 * count);
+    vstore3(straight_reflectance((float3)(0.5f, 0.25f, 1.0f), uv[2 * i]), i, out + 2 * count);
 }
 """
 
@@ -258,9 +260,10 @@ def test_the_kernels_look_up(rng: np.random.Generator, group: int, with_images: 
     of = rng.integers(0, triangles, count).astype(np.int32)
     weights = rng.dirichlet((1, 1, 1), count).astype(np.float32)
     device = any_size_device()
-    defines = material_macros() | ({"GLOSS_MAPS": 1} if with_images else {})
-    program = cl.Program(device.context, kernel_source("common/gloss.cl") + LOOK_UP).build(
-        [*macro_options({"WG": group, "BVH_STACK": 8, **defines})]
+    defines = SCENE_MACROS | GLOSS_MACROS | ({"GLOSS_MAPS": 1} if with_images else {})
+    source = kernel_source("common/gloss.cl") + kernel_source("common/ggx.cl") + LOOK_UP
+    program = cl.Program(device.context, source).build(
+        [*macro_options({"WG": group, **defines})]
     )
     out = device.empty("out", 5 * count, np.float32)
     table = material_table(materials)

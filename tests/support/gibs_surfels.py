@@ -14,6 +14,7 @@ from gibench.techniques.gibs.conform_oracle import (
     neighbour_lists,
     uniform_coordinates,
 )
+from gibench.techniques.gibs.macros import GIBS_MACROS
 from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.surfel_grid import NEIGHBOURS, SurfelGrid, UniformGrid
 
@@ -43,7 +44,8 @@ def any_size_device():
 def defines(capacity, grid=None, **others):
     """Macros of the kernels that look surfels up."""
     grid = grid or UniformGrid.around(BOUNDS, 4)
-    return {**SCENE_MACROS, **grid.defines, "CAPACITY": capacity, "ENTRIES": 27 * capacity,
+    return {**SCENE_MACROS, **GIBS_MACROS, **grid.defines,
+            "CAPACITY": capacity, "ENTRIES": 27 * capacity,
             "PUBLISHED": False, "ALL_NEIGHBOURS": False, "NORMAL_STRETCH": STRETCH, "VEC": 8,
             "DEPTH": True, "GUIDING": True, "FLOORED": True, **others}  # fmt: skip
 

@@ -18,7 +18,7 @@ from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.lightmap_lookup import lightmap_application
 from gibench.techniques.parts.lightmap_update import lightmap_update
-from gibench.techniques.parts.macros import SHOW_DIRECT, SHOW_INDIRECT
+from gibench.techniques.parts.macros import SCENE_MACROS, SHOW_DIRECT, SHOW_INDIRECT
 from gibench.techniques.parts.material_table import srgb_codes, srgb_to_linear
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
 
@@ -211,7 +211,8 @@ def test_a_signal_is_looked_up_whole(components, tmp_path):
         integer("count", 500),
         writes("signal", out),
     )
-    run(device, [Launch(ProgramSpec("look_up.cl", signal.macros), "look_up", args, items=500)], 64)
+    program = ProgramSpec("look_up.cl", {**SCENE_MACROS, **signal.macros})
+    run(device, [Launch(program, "look_up", args, items=500)], 64)
     found = device.read(out)
     weights = np.stack([1 - u - v, u, v], axis=1)
     at = np.einsum("nk,nkd->nd", weights, lightmap.triangle_uvs[triangle].astype(np.float64))

@@ -77,7 +77,7 @@ def test_memory_is_declared(direct):
 
 
 def test_a_pass_that_cannot_be_built_fails_alone(direct):
-    program = ProgramSpec("parts/dilate.cl")
+    program = ProgramSpec("parts/dilate.cl", {"COMPONENTS": 1})
 
     class Broken:
         device = direct.device
@@ -99,7 +99,7 @@ def test_a_pass_that_cannot_be_built_fails_alone(direct):
 
 def test_a_launch_without_work_is_not_enqueued(direct):
     counts = iter([3, 0])
-    program = ProgramSpec("parts/dilate.cl")
+    program = ProgramSpec("parts/dilate.cl", {"COMPONENTS": 1})
     args = (updates("map", direct.scene.image), integer("width", 0), integer("height", 0))
 
     class Idle:

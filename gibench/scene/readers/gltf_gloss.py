@@ -16,11 +16,11 @@ import numpy as np
 
 from gibench.arrays import Doubles, Vec3
 from gibench.errors import BadInput
+from gibench.scene.gloss import DIELECTRIC_F0
 from gibench.scene.model import Texture
 from gibench.scene.readers.content import Array, vec3
 from gibench.scene.readers.textures import resampled
 
-DIELECTRIC = 0.04
 # Rec. 601, as the conversion has it.
 _LUMA = np.array([0.299, 0.587, 0.114])
 
@@ -86,10 +86,10 @@ def metalness_of(diffuse: Array, specular: Array) -> Doubles:
     d, s = np.asarray(diffuse, np.float64), np.asarray(specular, np.float64)
     bright, mirror = np.sqrt(d**2 @ _LUMA), np.sqrt(s**2 @ _LUMA)
     kept = 1.0 - s.max(axis=-1)
-    b = bright * kept / (1 - DIELECTRIC) + mirror - 2 * DIELECTRIC
-    root = np.sqrt(np.maximum(b * b - 4 * DIELECTRIC * (DIELECTRIC - mirror), 0.0))
-    found = np.clip((root - b) / (2 * DIELECTRIC), 0.0, 1.0)
-    return np.asarray(np.where(mirror < DIELECTRIC, 0.0, found))
+    b = bright * kept / (1 - DIELECTRIC_F0) + mirror - 2 * DIELECTRIC_F0
+    root = np.sqrt(np.maximum(b * b - 4 * DIELECTRIC_F0 * (DIELECTRIC_F0 - mirror), 0.0))
+    found = np.clip((root - b) / (2 * DIELECTRIC_F0), 0.0, 1.0)
+    return np.asarray(np.where(mirror < DIELECTRIC_F0, 0.0, found))
 
 
 def converted(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
+from gibench.scene.gloss import DIELECTRIC_F0
 from gibench.scene.readers.content import counted
 from gibench.scene.readers.mtl_maps import numbers_of
 
@@ -23,8 +24,6 @@ _LAYERS = {"ps", "pc"}
 # Illumination models without highlights, and those of mirrors (MTL format, illum).
 _WITHOUT_HIGHLIGHTS = ("0", "1")
 _MIRRORS = ("3", "5", "8")
-# What a dielectric mirrors straight ahead: less is no gloss that anyone has asked for.
-_PLAIN_GLOSS = 0.04
 _SPELLED = {
     "ks": "Ks", "map_ks": "map_Ks", "ps": "Ps", "pc": "Pc", "map_ps": "map_Ps", "map_pc": "map_Pc",
     "map_tr": "map_Tr",
@@ -46,7 +45,8 @@ def unread(values: Mapping[str, str]) -> list[str]:
             continue
         if keyword in ("ks", "map_ks") and illum in _WITHOUT_HIGHLIGHTS:
             continue
-        if keyword == "ks" and ("pr" in values or max(numbers, default=0.0) <= _PLAIN_GLOSS):
+        # Less than a dielectric mirrors straight ahead is no gloss that anyone has asked for.
+        if keyword == "ks" and ("pr" in values or max(numbers, default=0.0) <= DIELECTRIC_F0):
             continue
         if keyword in _LAYERS and max(numbers, default=0.0) <= 0:
             continue

@@ -22,11 +22,11 @@ from gibench.device import (
 )
 from gibench.device.build import Define
 from gibench.errors import CannotRun
-from gibench.techniques.ddgi.probes import Probes
+from gibench.techniques.ddgi.probes import RAY_PLANES, Probes
 from gibench.techniques.ddgi.settings import DdgiSettings
 
-RAY_PLANES = 6  # kernels_cl/ddgi/rays.cl
-LIST_STEP = 4  # kernels_cl/ddgi/tuned_blend.cl
+LIST_STEP = 4
+"""Lists of rays are as long as a multiple of it."""
 # Rays whose cosine to the exponent is less are left out of the distance lists: even 1000 of them
 # change a mean by less than 1e-6 of the weight of one ray in a texel's middle.
 LEAST_WEIGHT = 1e-9
@@ -191,7 +191,7 @@ class Tuned:
         return Launch(self._program(), kernel, args, items=vectors * side**2)
 
     def _program(self) -> ProgramSpec:
-        defines = {**self.probes.defines(self.lanes), "VEC": self.width}
+        defines = {**self.probes.defines(self.lanes), "VEC": self.width, "LIST_STEP": LIST_STEP}
         return ProgramSpec("ddgi/tuned_blend.cl", defines)
 
 

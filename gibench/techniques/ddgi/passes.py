@@ -31,7 +31,8 @@ from gibench.techniques.parts.macros import tiled_pixels
 from gibench.techniques.parts.placed_probes import ACTIVE
 from gibench.techniques.technique import Pass, Work
 
-SUM_ITEMS = 16  # kernels_cl/ddgi/probes.cl
+SUM_ITEMS = 16
+"""Texels whose variability a work-item adds up."""
 
 # At a pixel: its ray (30), its surface's shape (65), the bias and the place in the grid (40), the
 # texel of its normal (18) and what the mean becomes in the end (37). For each of eight probes: its
@@ -240,7 +241,11 @@ class DdgiPasses:
         return *s.bvh_args, *s.surface_args, *s.light_args, *s.environment_args
 
     def _defines(self) -> dict[str, Define]:
-        return {**self.probes.defines(self.blending.lanes), "VEC": self.blending.width}
+        return {
+            **self.probes.defines(self.blending.lanes),
+            "VEC": self.blending.width,
+            "SUM_ITEMS": SUM_ITEMS,
+        }
 
     def _trace(self) -> Sequence[Launch]:
         p = self.probes

@@ -14,6 +14,9 @@ from gibench.techniques.parts.octahedral_maps import OctahedralMaps
 from gibench.techniques.parts.placed_probes import PlacedProbes
 from gibench.techniques.parts.probe_volume import Volume
 
+RAY_PLANES = 6
+"""Numbers of a ray, each in a plane of its own, in the tuned variant (kernels_cl/ddgi/rays.cl)."""
+
 
 def irradiance_maps(settings: DdgiSettings) -> OctahedralMaps:
     """Of every probe (kernels_cl/parts/probe_maps.cl)."""
@@ -155,6 +158,8 @@ class Probes:
             "DECODE": s.exponent / 2,
             "DECODE_HALVES": int(s.exponent) if whole else 0,
             "LINEAR": s.average == LINEAR,
+            "PROBE_VISIBILITY": True,
+            "RAY_PLANES": RAY_PLANES,
             "IRRADIANCE_THRESHOLD": float(s.irradiance_threshold),
             "BRIGHTNESS_THRESHOLD": float(s.brightness_threshold),
             "DISTANCE_EXPONENT": float(s.distance_exponent),

@@ -15,9 +15,8 @@ from gibench.device import (
     writes,
 )
 from gibench.scene.model import Scene
+from gibench.techniques.gibs.macros import PLACEMENT_TILE
 from gibench.techniques.parts.macros import GBUFFER_SURFACE
-
-PLACEMENT_TILE = 16  # kernels_cl/gibs/life.cl
 
 
 @dataclass(frozen=True)

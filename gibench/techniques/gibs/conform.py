@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.device import Define, Device, Launch, ProgramSpec, integer, reads, updates, writes
+from gibench.device import Device, Launch, ProgramSpec, integer, reads, updates, writes
 from gibench.techniques.gibs import conform_life, conform_rays
 from gibench.techniques.gibs.conform_oracle import (
     STRETCH,
@@ -22,6 +22,7 @@ from gibench.techniques.gibs.conform_oracle import (
     requested,
     updated,
 )
+from gibench.techniques.gibs.macros import GIBS_MACROS
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run
 from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.surfel_grid import NEIGHBOURS, SurfelGrid, UniformGrid
@@ -77,7 +78,8 @@ def _gather(bench: Bench, rng: np.random.Generator, size: int, published: bool) 
     facing = normal[near] + 0.3 * rng.normal(size=(POINTS, 3))
     facing = (facing / np.linalg.norm(facing, axis=1, keepdims=True)).astype(np.float32)
     vec = 1 if published else min(8, device.vector_width)
-    macros = {**SCENE_MACROS, **sorter.defines, "VEC": vec, "DEPTH": False, "GUIDING": False}
+    macros = {**SCENE_MACROS, **GIBS_MACROS, **sorter.defines}
+    macros |= {"VEC": vec, "DEPTH": False, "GUIDING": False}
     out = device.empty("out", (POINTS, 4), np.float32)
     values = {
         "grid": sorter.table,
@@ -118,7 +120,7 @@ def _gather(bench: Bench, rng: np.random.Generator, size: int, published: bool) 
 
 
 def _irradiance_program(surfels: int, floored: bool = True) -> ProgramSpec:
-    macros: dict[str, Define] = {**SCENE_MACROS, **UniformGrid.around(BOUNDS, 4).defines}
+    macros = {**SCENE_MACROS, **GIBS_MACROS, **UniformGrid.around(BOUNDS, 4).defines}
     macros |= {"CAPACITY": surfels, "ENTRIES": 27 * surfels, "PUBLISHED": False, "VEC": 1}
     macros |= {"ALL_NEIGHBOURS": False, "NORMAL_STRETCH": STRETCH, "DEPTH": True, "GUIDING": True}
     return ProgramSpec("gibs/irradiance.cl", {**macros, "FLOORED": floored})
@@ -215,7 +217,7 @@ def _coverage(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[flo
         integer("height", height),
         writes("least", least),
     )
-    macros: dict[str, Define] = {**SCENE_MACROS, **UniformGrid.around(BOUNDS, 4).defines}
+    macros = {**SCENE_MACROS, **GIBS_MACROS, **UniformGrid.around(BOUNDS, 4).defines}
     macros |= {"CAPACITY": 10}
     macros |= {"ENTRIES": 270, "PUBLISHED": False, "ALL_NEIGHBOURS": False, "VEC": 1}
     macros |= {"NORMAL_STRETCH": STRETCH, "DEPTH": True, "GUIDING": True, "FLOORED": True}

@@ -21,13 +21,11 @@ from gibench.techniques.gibs.conform_state import (
     random_words,
     unit,
 )
-from gibench.techniques.gibs.surfels import NO_RAY
+from gibench.techniques.gibs.macros import KEY_FACTOR, NO_PIXEL, NO_RAY
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run_pass
 from gibench.techniques.parts.conformance.shading import surface
 
-NO_PIXEL = 0xFFFFFFFF
 CHANCE, PRESSURE_FROM = 0.6, 0.97
-KEY_FACTOR = 0x9E3779B1  # kernels_cl/gibs/bare.cl
 _POINT = 4e-6
 """m; what single precision makes of a point of a triangle and of its way into an object's space:
 some ten roundings of coordinates of a metre or two."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.device import Device
+from gibench.techniques.gibs.macros import VISIBLE_FRAMES
 from gibench.techniques.parts.surfel_grid import UniformGrid
 from gibench.techniques.parts.surfels import SurfelGeometry, surfel_words
 
@@ -158,7 +159,6 @@ def gathered(
 
 
 LUMA = np.array([0.299, 0.587, 0.114])
-VISIBLE_FRAMES = 16  # kernels_cl/gibs/irradiance.cl
 EstimatorState = tuple[Array, Array, Array, float, float, float]
 """Mean, short mean and variance (3,), blend, inconsistency, rays."""
 

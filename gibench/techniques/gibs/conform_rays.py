@@ -21,7 +21,7 @@ from gibench.techniques.gibs.conform_state import (
     random_words,
     unit,
 )
-from gibench.techniques.gibs.surfels import NO_RAY
+from gibench.techniques.gibs.macros import GUIDE_FIRST_RAYS, GUIDE_UNIFORM, KEY_FACTOR, NO_RAY
 from gibench.techniques.parts.conformance.case import (
     Bench,
     Case,
@@ -39,8 +39,6 @@ their sum counts as one."""
 DIRECTION = 1e-5
 """How far off a direction may be: what single precision makes of sines and square roots, where the
 square root's argument is above a hundredth."""
-KEY_FACTOR = 0x9E3779B1  # kernels_cl/gibs/bare.cl
-KNOWS, UNGUIDED = 64, 0.5  # GUIDE_FIRST_RAYS, GUIDE_UNIFORM of kernels_cl/gibs/irradiance.cl
 BARE = 1.5
 """Coverage under which a surface is bare here, so that many hits are."""
 LEAST_COVERED = 1e-3
@@ -69,8 +67,8 @@ def cast(words: Array, normal: Array, guide: Array | None, knows: Array) -> Cast
         texel = at[:, 1] * 4 + at[:, 0]
     else:
         total = np.where(knows, guide.sum(axis=1), 0.0)
-        share = np.where(total > 0, (1 - UNGUIDED) / np.maximum(total, 1e-30), 0.0)[:, None]
-        least = np.where(total > 0, UNGUIDED, 1.0)[:, None] / 16
+        share = np.where(total > 0, (1 - GUIDE_UNIFORM) / np.maximum(total, 1e-30), 0.0)[:, None]
+        least = np.where(total > 0, GUIDE_UNIFORM, 1.0)[:, None] / 16
         chance = least + share * guide
         upto = np.cumsum(chance, axis=1)
         texel = np.minimum((across[:, None] >= upto).sum(axis=1), 15)
@@ -143,7 +141,7 @@ def _trace(
     words = random_words(births[own] ^ np.uint32(SEED), number, np.arange(rays) - first[place])
     estimator = device.read(s.estimator)
     guide = guides[own].astype(np.float64) if guided else None
-    rays_of = cast(words, state.normal[own], guide, estimator[11, own] >= KNOWS)
+    rays_of = cast(words, state.normal[own], guide, estimator[11, own] >= GUIDE_FIRST_RAYS)
     choice = device.read(s.ray_choice)[:rays]
     yield off(choice[rays_of.certain, 1], rays_of.texel[rays_of.certain])
     yield off(choice[rays_of.certain, 0], rays_of.factor[rays_of.certain], 1e-5)

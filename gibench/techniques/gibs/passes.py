@@ -22,6 +22,7 @@ from gibench.device import (
     writes,
 )
 from gibench.techniques.gibs.camera_view import CameraView, tiles_of
+from gibench.techniques.gibs.macros import COVERAGE_MOST, COVERAGE_STEPS, GIBS_MACROS
 from gibench.techniques.gibs.settings import FLOORED, GibsSettings
 from gibench.techniques.gibs.surfels import Surfels
 from gibench.techniques.parts.camera_pass import camera_pass
@@ -30,7 +31,6 @@ from gibench.techniques.parts.macros import tiled_pixels
 from gibench.techniques.parts.surfel_grid import SurfelGrid
 from gibench.techniques.technique import Pass, Work
 
-COVERAGE_STEPS = 4096
 _WIDTHS = (1, 2, 4, 8, 16)
 
 
@@ -41,7 +41,7 @@ def _chance(share: float) -> np.uint32:
 
 def _steps(coverage: float) -> int:
     """Coverage as the kernels compare it."""
-    return min(round(coverage * COVERAGE_STEPS), 2**24 - 1)
+    return min(round(coverage * COVERAGE_STEPS), COVERAGE_MOST)
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,7 @@ class FramePasses:
         """Macros of the kernels that look surfels up."""
         width = self.scene.device.vector_width
         return {
+            **GIBS_MACROS,
             **self.grid.defines,
             "VEC": width if width in _WIDTHS else 4,
             "DEPTH": self.settings.depth_moments,

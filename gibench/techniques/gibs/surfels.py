@@ -8,20 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibench.device import Buffer, BufferSpec, Device
+from gibench.techniques.gibs.macros import (
+    COUNT_FREE,
+    COUNT_WORDS,
+    ESTIMATOR_ROWS,
+    FRAME_WORDS,
+    GUIDE_FLOATS,
+    MOMENT_FLOATS,
+    NO_RAY,
+)
 from gibench.techniques.gibs.settings import GibsSettings
 from gibench.techniques.parts.scan import BlockScan
-from gibench.techniques.parts.surfels import SURFEL_WORDS, SurfelGeometry
+from gibench.techniques.parts.surfels import SurfelGeometry
 
 SCAN = "surfel_scan"
 """The scratch of their prefix sum begins with this in the ledger."""
-
-FRAME_WORDS = SURFEL_WORDS + 3  # kernels_cl/gibs/frame.cl
-COUNT_WORDS = 5
-COUNT_ALIVE, COUNT_FREE, COUNT_PLACED, COUNT_RECYCLED = range(4)
-ESTIMATOR_ROWS = 12  # kernels_cl/gibs/estimator.cl
-MOMENT_FLOATS = 48  # kernels_cl/gibs/depth.cl
-GUIDE_FLOATS = 16
-NO_RAY = 0xFFFFFFFF  # kernels_cl/gibs/bare.cl
 
 
 def most_rays(settings: GibsSettings) -> int:

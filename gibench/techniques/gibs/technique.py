@@ -13,17 +13,17 @@ from gibench.device import Buffer, BufferSpec, Device, Launch, total_bytes
 from gibench.errors import CannotRun
 from gibench.scene.model import Camera
 from gibench.techniques.gibs.camera_view import CameraView, tiles_of
-from gibench.techniques.gibs.passes import COVERAGE_STEPS, FramePasses
-from gibench.techniques.gibs.radii import grid_of, radii_of
-from gibench.techniques.gibs.settings import GibsSettings
-from gibench.techniques.gibs.surfels import (
+from gibench.techniques.gibs.macros import (
     COUNT_ALIVE,
     COUNT_FREE,
     COUNT_PLACED,
     COUNT_RECYCLED,
-    Surfels,
-    rays_in_frame,
+    COVERAGE_STEPS,
 )
+from gibench.techniques.gibs.passes import FramePasses
+from gibench.techniques.gibs.radii import grid_of, radii_of
+from gibench.techniques.gibs.settings import GibsSettings
+from gibench.techniques.gibs.surfels import Surfels, rays_in_frame
 from gibench.techniques.gibs.work import FrameSizes, frame_work
 from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.camera_pass import suits_packets

@@ -161,8 +161,7 @@ class FrameScene:
     def program(self, path: str, defines: Mapping[str, Define] | None = None) -> ProgramSpec:
         """A program that reads the scene, with the macros that such programs need."""
         known: dict[str, Define] = {**SCENE_MACROS, **self._tree_defines, **self.surfaces.defines}
-        if self._ray_scale != 1.0:
-            known["RAY_SCALE"] = f"{self._ray_scale!r}f"
+        known["RAY_SCALE"] = self._ray_scale
         return ProgramSpec(path, {**known, **(defines or {})})
 
     @staticmethod

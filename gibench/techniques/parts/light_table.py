@@ -9,7 +9,7 @@ import numpy as np
 
 from gibench.arrays import Floats
 from gibench.scene.model import DirectionalLight, Light, PointLight, SpotLight
-from gibench.techniques.parts.macros import LIGHT_FLOATS
+from gibench.techniques.parts.macros import LIGHT_DIRECTIONAL, LIGHT_FLOATS, LIGHT_POINT, LIGHT_SPOT
 
 
 def light_table(lights: Sequence[Light]) -> Floats:
@@ -18,11 +18,11 @@ def light_table(lights: Sequence[Light]) -> Floats:
     for row, light in zip(table, lights, strict=True):
         match light:
             case DirectionalLight():
-                row[4:7], row[7:10] = light.direction, light.irradiance
+                row[0], row[4:7], row[7:10] = LIGHT_DIRECTIONAL, light.direction, light.irradiance
             case PointLight():
-                row[0], row[1:4], row[7:10] = 1, light.position, light.intensity
+                row[0], row[1:4], row[7:10] = LIGHT_POINT, light.position, light.intensity
             case SpotLight():
-                row[0], row[1:4], row[7:10] = 2, light.position, light.intensity
+                row[0], row[1:4], row[7:10] = LIGHT_SPOT, light.position, light.intensity
                 row[4:7] = light.direction
                 # glTF, KHR_lights_punctual, "Inner and Outer Cone Angles".
                 outer = math.cos(light.outer_angle)

@@ -20,7 +20,7 @@ from gibench.device import (
     reads,
     updates,
 )
-from gibench.rays.bvh import Bvh
+from gibench.rays.bvh import BVH_MACROS, Bvh
 from gibench.rays.device_bvh import DeviceBvh
 from gibench.rays.refit import RefitPlan
 from gibench.scene.model import Scene
@@ -30,7 +30,7 @@ from gibench.techniques.technique import GEOMETRY, Pass, Work
 TRANSFORM_FLOATS = 12
 """3 x 4, row-major."""
 
-SOURCE = ProgramSpec("rays/refit.cl")
+SOURCE = ProgramSpec("rays/refit.cl", BVH_MACROS)
 _POINT_FLOPS, _DIRECTION_FLOPS = 18, 15
 
 

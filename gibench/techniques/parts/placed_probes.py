@@ -12,9 +12,10 @@ from gibench.device import Argument, Buffer, BufferSpec, Device, reads
 from gibench.device.build import Define
 from gibench.techniques.parts.probe_volume import Volume
 
-# Bits of a probe's state, kernels_cl/parts/probe_volume.cl.
 ACTIVE = 1
+"""Of a probe's state: it casts all its rays."""
 BLENDED = 2
+"""Of a probe's state: its maps hold something."""
 USABLE = ACTIVE | BLENDED
 
 VOLUME_FLOATS = 9  # kernels_cl/parts/probe_volume.cl
@@ -74,7 +75,7 @@ class PlacedProbes:
     @property
     def defines(self) -> dict[str, Define]:
         """Its macros."""
-        return self.volume.defines
+        return {**self.volume.defines, "PROBE_ACTIVE": ACTIVE, "PROBE_BLENDED": BLENDED}
 
     def scroll_to(self, centre: tuple[float, float, float]) -> None:
         """Move the volume by whole spacings towards ``centre``; probes that enter start anew."""

@@ -30,7 +30,7 @@ from gibench.scene.motion.changing_materials import ChangingMaterials
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
-from gibench.techniques.parts.material_table import material_macros
+from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.technique import GEOMETRY, Pass, Work
 
 RECOLOUR = "recolour"
@@ -179,7 +179,7 @@ class Recolouring:
     """
 
     materials: Buffer
-    program: str
+    program: ProgramSpec
     store: Sequence[Argument]
     stored_bytes: int
     held: dict[str, Buffer] = field(repr=False)
@@ -190,7 +190,7 @@ class Recolouring:
         device: Device,
         shares: Shares,
         materials: Buffer,
-        program: str,
+        program: ProgramSpec,
         store: Sequence[Argument],
         stored_bytes: int,
         stored_flops: int = 0,
@@ -241,7 +241,7 @@ class Recolouring:
             scene.device,
             Shares.of_receivers(scene.scene, receivers.lightmap, motion.materials),
             scene.surfaces.materials,
-            "parts/recolour_receivers.cl",
+            ProgramSpec("parts/recolour_receivers.cl", SCENE_MACROS),
             (updates("albedo", receivers.albedo), updates("emission", receivers.emission)),
             stored_bytes=24,
         )
@@ -271,5 +271,4 @@ class Recolouring:
             integer("count", count),
             *self.store,
         )
-        program = ProgramSpec(self.program, {**material_macros(), "GLOW": 0})
-        return [Launch(program, RECOLOUR, args, items=count)]
+        return [Launch(self.program, RECOLOUR, args, items=count)]

@@ -22,7 +22,10 @@ from gibench.device import (
 )
 from gibench.errors import CannotRun
 
-SCAN_ITEMS = 16  # kernels_cl/parts/scan.cl
+SCAN_ITEMS = 16
+"""Values per work-item of the blocked scan."""
+SCAN_MACROS = {"SCAN_ITEMS": SCAN_ITEMS}
+"""Of every program that includes kernels_cl/parts/scan.cl."""
 _MOST_STAGED = 8
 """Values per work-item in local memory at once: 11 KB of a group of 256."""
 
@@ -85,7 +88,7 @@ class WaveScan:
 
     def launches(self, values: Buffer, prefix: Buffer) -> list[Launch]:
         """Scan ``values`` (n,) uint32 into ``prefix`` (n,) uint32."""
-        program = ProgramSpec("parts/scan.cl", {"WAVE": self.wave})
+        program = ProgramSpec("parts/scan.cl", {**SCAN_MACROS, "WAVE": self.wave})
         partial = local("partial", 8 * self.workgroup_size)
         sources = (values, *self.totals[:-1])
         targets = (prefix, *self.totals[:-1])
@@ -196,7 +199,8 @@ class BlockScan:
             count: n as the host knows it, or a function that tells it before every frame.
         """
         staged = self._staged()
-        program = ProgramSpec("parts/scan.cl", {"STAGED": staged} if staged else {})
+        defines = {**SCAN_MACROS, **({"STAGED": staged} if staged else {})}
+        program = ProgramSpec("parts/scan.cl", defines)
         partial = local("partial", 4 * self.workgroup_size * (2 + (staged + 1 if staged else 0)))
 
         def groups() -> int:

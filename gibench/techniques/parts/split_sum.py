@@ -14,11 +14,17 @@ import numpy as np
 
 from gibench.arrays import Doubles, Floats
 from gibench.device import BufferSpec
+from gibench.device.build import Define
+from gibench.scene.gloss import DIELECTRIC_F0, LEAST_ALPHA
 
 SPLIT_SUM_SIDE = 64
-"""Entries of the table's side: a macro of kernels_cl/common/ggx.cl."""
-LEAST_ALPHA = 1e-3
-"""LEAST_ALPHA of kernels_cl/common/ggx.cl."""
+"""Entries of the table's side."""
+GLOSS_MACROS: dict[str, Define] = {
+    "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE,
+    "LEAST_ALPHA": LEAST_ALPHA,
+    "DIELECTRIC_F0": DIELECTRIC_F0,
+}
+"""Of every program that includes kernels_cl/common/ggx.cl."""
 _SAMPLES = 4096  # facets per entry: errors under 0.004 (tests)
 
 

@@ -19,8 +19,12 @@ SCAN = "grid_scan"
 """Its scratch begins with this in the ledger."""
 
 TABLE_FLOATS = 8  # kernels_cl/parts/surfel_grid.cl
-PACKED_ROWS = 11  # kernels_cl/parts/surfel_grid.cl
-PACKED_PADDING = 16  # kernels_cl/parts/surfel_grid.cl, PACKED_STRIDE
+PACKED_ROWS = 11
+"""Numbers of an entry of the lists: position, normal, 1 / radius, irradiance, least mean depth."""
+PACKED_PADDING = 16
+"""Entries behind the lists: room for one vector."""
+LIST_MACROS = {"PACKED_PADDING": PACKED_PADDING}
+"""Of every program that includes kernels_cl/parts/surfel_grid.cl."""
 NEIGHBOURS = 27  # cells a surfel goes into as published (Ekberg 2022, section 4.2.1)
 PERSPECTIVE_NEAR = 0.1  # half the inner cube's side, share of the scene's diagonal; our choice
 
@@ -178,6 +182,7 @@ class SurfelGrid:
             self._scan = BlockScan.create(device, SCAN, cells, workgroup_size)
         self.defines: Mapping[str, Any] = {
             **grid.defines,
+            **LIST_MACROS,
             "CAPACITY": surfels.capacity,
             "ENTRIES": entries,
             "PUBLISHED": published,

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from gibench.device import Buffer, BufferSpec
 
-SURFEL_WORDS = 7  # kernels_cl/parts/surfels.cl
+SURFEL_WORDS = 7
+"""What kernels_cl/parts/surfels.cl reads of a frame; a technique may keep more behind them."""
 
 
 def surfel_words(

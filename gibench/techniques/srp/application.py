@@ -11,7 +11,7 @@ from gibench.techniques.parts.gloss_table import GlossTable
 from gibench.techniques.parts.lightmap_lookup import LOOKUP_FLOPS, lightmap_application
 from gibench.techniques.parts.normal_map_table import NormalMapTable
 from gibench.techniques.parts.receiver_signal import ReceiverSignal
-from gibench.techniques.parts.split_sum import SPLIT_SUM_SIDE
+from gibench.techniques.parts.split_sum import GLOSS_MACROS
 
 SOURCE = "srp/application.cl"
 
@@ -45,7 +45,7 @@ def srp_application(
     }
     material: tuple[Argument, ...] = ()
     if gloss is not None:
-        defines |= {"GLOSS": 1, "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE, **gloss.defines}
+        defines |= {"GLOSS": 1, **GLOSS_MACROS, **gloss.defines}
         surfaces = scene.surfaces
         material = (
             reads("material_ids", surfaces.material_ids),

@@ -23,6 +23,7 @@ from gibench.device import (
     updates,
     writes,
 )
+from gibench.device.build import unsigned_literal
 from gibench.techniques.parts.camera_pass import (
     Application,
     camera_pass,
@@ -38,8 +39,9 @@ from gibench.techniques.parts.macros import (
     tiled_pixels,
 )
 from gibench.techniques.surfel_cache.bake.data import LINK_SCALE, SurfelBake
-from gibench.techniques.surfel_cache.pack import Sizes
+from gibench.techniques.surfel_cache.pack import NO_PLACE, Sizes
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
+from gibench.techniques.surfel_cache.shared_exponent import SHARED_MACROS
 from gibench.techniques.technique import Pass, Work
 
 FORWARD_RENDER = "forward_render"
@@ -196,7 +198,12 @@ class FramePasses:
         return self.scene.program("surfel_cache/forward_render.cl", defines)
 
     def _surfel_lighting(self) -> Sequence[Launch]:
-        program = self.scene.program("surfel_cache/surfel_lighting.cl", self._cache_defines)
+        defines = {
+            **self._cache_defines,
+            **SHARED_MACROS,
+            "NO_PLACE": unsigned_literal(NO_PLACE),
+        }
+        program = self.scene.program("surfel_cache/surfel_lighting.cl", defines)
         held = self.held
         args: tuple[Argument, ...] = (
             *self.scene.bvh_args,
@@ -215,7 +222,7 @@ class FramePasses:
         return [Launch(program, "surfel_lighting", args, items=self.sizes.surfels)]
 
     def _pull(self) -> Sequence[Launch]:
-        program, held = ProgramSpec("surfel_cache/pull.cl"), self.held
+        program, held = ProgramSpec("surfel_cache/pull.cl", SHARED_MACROS), self.held
         child, flux = reads("node_child", held["node_child"]), held["node_flux"]
         # Level by level neighbours are nodes side by side, and so are their children.
         if self.sizes.tuned and not self.simt:
@@ -264,6 +271,7 @@ class FramePasses:
             "ENVIRONMENT": int(s.environment),
             "LINKS": s.links,
             "VEC": width,
+            **SHARED_MACROS,
         }
         profile, row = self.device.profile, 12 * s.coefficients
         size = min(self.workgroup_size, max(_LEAST_GROUP, profile.simd_width))

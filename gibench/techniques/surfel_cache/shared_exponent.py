@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles
+from gibench.device.build import Define
 
 MOST: Final = 65408.0
-"""The largest value."""
+"""The largest value: (2^9 - 1) 2^7."""
+SHARED_MACROS: Final[Mapping[str, Define]] = {"SHARED_MOST": MOST}
+"""Of every program that includes kernels_cl/surfel_cache/shared_exponent.cl."""
 LEAST_STEP: Final = 2.0**-24
 """Between the smallest values."""
 

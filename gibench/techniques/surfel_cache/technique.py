@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gibench.arrays import Floats
-from gibench.device import Device, updates
+from gibench.device import Device, ProgramSpec, updates
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job, World
@@ -16,6 +16,7 @@ from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
+from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.recolouring import Recolouring
 from gibench.techniques.parts.standing_light import StandingLight
 from gibench.techniques.registry import TUNED
@@ -29,6 +30,7 @@ from gibench.techniques.surfel_cache.pack import (
 )
 from gibench.techniques.surfel_cache.passes import FramePasses
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
+from gibench.techniques.surfel_cache.shared_exponent import SHARED_MACROS
 from gibench.techniques.technique import FloatArray, Pass
 
 REST_CHANGE = 0.005
@@ -71,7 +73,7 @@ class SurfelCache:
                 device,
                 shares,
                 self.scene.surfaces.materials,
-                "surfel_cache/recolour.cl",
+                ProgramSpec("surfel_cache/recolour.cl", {**SCENE_MACROS, **SHARED_MACROS}),
                 (
                     updates("surfel_albedo", held["surfel_albedo"]),
                     updates("surfel_emission", held["surfel_emission"]),

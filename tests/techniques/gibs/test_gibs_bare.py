@@ -7,8 +7,8 @@ from support.gibs_scenes import FEW, LOW, ROOMY, Frames, furnace, furnished, gib
 from gibench.errors import BadInput
 from gibench.scene.model import Camera
 from gibench.techniques.gibs.conform_state import random_words
+from gibench.techniques.gibs.macros import NO_RAY
 from gibench.techniques.gibs.settings import GibsSettings
-from gibench.techniques.gibs.surfels import NO_RAY
 from gibench.techniques.registry import PUBLISHED, TUNED
 
 FACTOR = 0x9E3779B1

@@ -21,6 +21,7 @@ from support.vector_widths import skip_too_wide
 
 from gibench.device import kernel_source
 from gibench.techniques.gibs.conform_oracle import gathered
+from gibench.techniques.gibs.macros import GIBS_MACROS
 from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.surfel_grid import PerspectiveGrid, UniformGrid
 
@@ -66,7 +67,8 @@ def test_gathering_equals_the_sum_over_all_surfels(rng, kind, vec_and_published,
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
     program = device.program(
         "gibs/application.cl",
-        {**SCENE_MACROS, **sorter.defines, "VEC": vec, "DEPTH": depth, "GUIDING": False},
+        {**SCENE_MACROS, **GIBS_MACROS, **sorter.defines}
+        | {"VEC": vec, "DEPTH": depth, "GUIDING": False},
     )
     out = device.empty("out", (points, 4), np.float32)
     args = (

@@ -9,8 +9,9 @@ from support.gibs_surfels import any_size_device, defines
 
 from gibench.device import kernel_source
 from gibench.device.build import macro_options
+from gibench.scene.gloss import LEAST_ALPHA
 from gibench.techniques.parts.split_sum import (
-    LEAST_ALPHA,
+    GLOSS_MACROS,
     SPLIT_SUM_SIDE,
     hammersley,
     split_sum,
@@ -82,7 +83,7 @@ def test_terms(rng, size):
     v = np.where(np.sum(n * v, axis=1)[:, None] < 0, -v, v)
     f0, roughness = rng.uniform(0, 1, (count, 3)), rng.uniform(0.15, 1, count)
     device = any_size_device()
-    options = macro_options({**defines(1), "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE})
+    options = macro_options({**defines(1), **GLOSS_MACROS})
     program = cl.Program(device.context, kernel_source("common/ggx.cl") + TERMS).build([*options])
     given = [
         device.upload(f"given{i}", np.ascontiguousarray(a, np.float32))

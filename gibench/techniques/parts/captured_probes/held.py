@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from gibench.arrays import Floats
 from gibench.device import Argument, Buffer, BufferSpec, Define, Device, reads
+from gibench.device.build import unsigned_literal
 from gibench.scene.model import Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.parts.captured_probes.lobes import (
@@ -26,7 +27,14 @@ from gibench.techniques.parts.recolouring import Shares
 from gibench.techniques.parts.split_sum import split_sum_buffer, split_sum_table
 
 NO_FRONT = 0xFFFFFFFF
-UNITS = 65535  # of a barycentric weight, kernels_cl/parts/captured_relight.cl
+"""In place of a triangle, where a texel shows none."""
+UNITS = 65535
+"""Of a barycentric weight, as it is stored."""
+RELIGHT_MACROS: dict[str, Define] = {
+    "NO_FRONT": unsigned_literal(NO_FRONT),
+    "WEIGHT_UNITS": float(UNITS),
+}
+"""Of kernels_cl/parts/captured_relight.cl."""
 
 
 def irradiance_maps(settings: CapturedProbeSettings) -> OctahedralMaps:

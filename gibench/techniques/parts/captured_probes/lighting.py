@@ -28,12 +28,12 @@ from gibench.techniques.parts.captured_probes.maps import (
 )
 from gibench.techniques.parts.captured_probes.points import Points, points_of
 from gibench.techniques.parts.captured_probes.resample import ProbeMaps, Resampling
+from gibench.techniques.parts.macros import SHADOW_RAY_SHARE
 from gibench.techniques.parts.probe_volume import Volume
 
 MOST_BOUNCES = 64
 SETTLED = 1e-4
 """Any number of bounces ends where the last adds less than this share of the light."""
-_SHORT_OF_LIGHT = 0.9999  # kernels_cl/common/lights.cl, SHADOW_RAY_SHARE
 _ROWS = 2048  # of the cosine matrix at once
 
 
@@ -67,7 +67,7 @@ def direct_irradiance(
             offset = np.asarray(light.position) - at.position
             distance = np.maximum(np.linalg.norm(offset, axis=1), 1e-6)
             towards = offset / distance[:, None]
-            limit = distance * _SHORT_OF_LIGHT
+            limit = distance * SHADOW_RAY_SHARE
             gain = np.asarray(light.intensity) / distance[:, None] ** 2
             if isinstance(light, SpotLight):
                 gain = gain * _cone(light, towards)[:, None]

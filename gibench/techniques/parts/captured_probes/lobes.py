@@ -14,16 +14,16 @@ import numpy as np
 
 from gibench.arrays import Floats
 from gibench.device import BufferSpec
+from gibench.scene.gloss import LEAST_ALPHA
 from gibench.techniques.parts.captured_probes.maps import (
     bordered,
     texel_directions,
     texel_solid_angles,
 )
 from gibench.techniques.parts.octahedral_maps import OctahedralMaps
-from gibench.techniques.parts.split_sum import LEAST_ALPHA
 
 LEAST_SIDE = 8
-"""LEAST_LOBE_SIDE of kernels_cl/parts/captured_lobes.cl."""
+"""Texels of the side of the roughest step's map, at least."""
 _ROWS = 1024  # of weights at once
 
 

@@ -22,17 +22,18 @@ from gibench.device import (
 )
 from gibench.techniques.parts.camera_pass import Application, lookup_defines
 from gibench.techniques.parts.captured_probes.held import (
+    RELIGHT_MACROS,
     HeldProbes,
     distance_maps,
     irradiance_maps,
 )
-from gibench.techniques.parts.captured_probes.lobes import lobe_maps, lobe_texels
+from gibench.techniques.parts.captured_probes.lobes import LEAST_SIDE, lobe_maps, lobe_texels
 from gibench.techniques.parts.captured_probes.resample import LEAST_WEIGHT
 from gibench.techniques.parts.captured_probes.schedule import Schedule
 from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.gloss_table import GlossTable
-from gibench.techniques.parts.split_sum import SPLIT_SUM_SIDE
+from gibench.techniques.parts.split_sum import GLOSS_MACROS
 from gibench.techniques.technique import Pass, Work
 
 APPLICATION = "parts/captured_application.cl"
@@ -163,7 +164,8 @@ class ProbePasses:
         }
         return {
             "LOBE_STEPS": self.probes.settings.gloss_steps,
-            "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE,
+            "LEAST_LOBE_SIDE": LEAST_SIDE,
+            **GLOSS_MACROS,
             **box,
             **self.gloss.defines,
         }
@@ -268,7 +270,7 @@ class ProbePasses:
             reads("captured_emission", held.capture["captured_emission"]),
             updates("radiance", held.capture["radiance"]),
         )
-        program = self._program("parts/captured_relight.cl", gathers)
+        program = self._program("parts/captured_relight.cl", {**gathers, **RELIGHT_MACROS})
         return [Launch(program, "probe_relight", args, items=self._items())]
 
     def _filter_irradiance(self) -> Sequence[Launch]:
@@ -318,7 +320,8 @@ class ProbePasses:
         defines = {
             **self._filter_program(1).defines,
             "LOBE_STEPS": s.gloss_steps,
-            "SPLIT_SUM_SIDE": SPLIT_SUM_SIDE,
+            "LEAST_LOBE_SIDE": LEAST_SIDE,
+            **GLOSS_MACROS,
         }
         program = ProgramSpec("parts/captured_prefilter.cl", defines)
         return [Launch(program, "prefilter", args, items=self.schedule.each_frame * texels)]

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gibench.device import BufferSpec, Device, updates
+from gibench.device import BufferSpec, Device, ProgramSpec, updates
 from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.camera_pass import suits_packets
@@ -23,6 +23,7 @@ from gibench.techniques.parts.frame_scene import FrameScene
 from gibench.techniques.parts.gathered import gathered_at
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.gloss_table import GlossTable
+from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.parts.recolouring import Recolouring
 from gibench.techniques.parts.standing_light import StandingLight
@@ -120,7 +121,7 @@ class CapturedProbeTechnique:
                 device,
                 shares,
                 self.scene.surfaces.materials,
-                "parts/recolour_captured.cl",
+                ProgramSpec("parts/recolour_captured.cl", SCENE_MACROS),
                 (
                     updates("captured_albedo", capture["captured_albedo"]),
                     updates("captured_emission", capture["captured_emission"]),

@@ -43,11 +43,11 @@ from gibench.techniques.srp.bake.scratch import Clock, Scratch
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.sky import settle_sky
 from gibench.techniques.srp.bake.transport_rows import PrimaryRays, TransportRows
-from gibench.techniques.srp.bake.visibility import UNDECIDED, VisibilityTables, no_tables
+from gibench.techniques.srp.bake.visibility import HIDDEN, UNDECIDED, VisibilityTables, no_tables
 from gibench.techniques.srp.bake.weights import Nearby, nearby
 
-# Samples of one work-item, as BLOCK in the kernels.
 BLOCK = 64
+"""Samples of a work-item."""
 # Primary rays that a worker traces at once.
 CHUNK_RAYS = 1 << 19
 
@@ -99,6 +99,9 @@ class TransportBaker:
         self.vector = vector or self.device.vector_width
         self.stride = -(-settings.transport_rays // self.vector) * self.vector
         defines: dict[str, Define] = {
+            "BLOCK": BLOCK,
+            "HIDDEN": HIDDEN,
+            "UNDECIDED": UNDECIDED,
             "VEC": self.vector,
             "SH_ORDER": settings.order,
             "COMPONENTS": self.components,
