@@ -14,18 +14,30 @@ __all__ = [
     "advise",
     "bake_ahead",
     "calibrate",
+    "check_orders",
+    "check_profile",
     "cluster",
     "compare",
     "conform_device",
     "experiment",
     "explain",
+    "export_mitsuba",
+    "history_add",
+    "history_check",
+    "history_page",
+    "list_devices",
+    "list_profiles",
+    "list_scenes",
+    "list_techniques",
     "load_run",
     "make_gallery",
     "make_report",
     "merge_runs",
+    "predict_validation",
     "project_run",
     "quality",
     "run",
+    "show_profile",
     "submit",
     "validate_projection",
 ]
@@ -210,3 +222,112 @@ def validate_projection(**options: Any) -> Any:
         A :class:`gibench.commands.validate_projection.Validation`.
     """
     return import_module("gibench.commands.validate_projection").validate_projection(**options)
+
+
+def predict_validation(folder: str | Path, **options: Any) -> Any:
+    """Make predictions anew and freeze them, as ``gibench validate-projection --predict`` does
+    (:func:`gibench.commands.validate_projection.predict_validation`).
+
+    Returns:
+        A DataFrame, a row a prediction.
+    """
+    found = import_module("gibench.commands.validate_projection")
+    return found.predict_validation(folder, **options)
+
+
+def check_orders(runs: Any, **options: Any) -> Any:
+    """Hold runs' passes against their projection onto the device that ran them, as ``gibench
+    validate-projection --here`` does (:func:`gibench.commands.validate_projection.check_orders`).
+
+    Returns:
+        Two DataFrames: a row for each runtime and device, and one for each pass.
+    """
+    return import_module("gibench.commands.validate_projection").check_orders(runs, **options)
+
+
+def history_add(sources: Any, **options: Any) -> Any:
+    """Keep runs in a history, as ``gibench history add`` does
+    (:func:`gibench.commands.history.history_add`).
+
+    Returns:
+        :class:`gibench.commands.history.Added`: ``new``, ``known``.
+    """
+    return import_module("gibench.commands.history").history_add(sources, **options)
+
+
+def history_check(**options: Any) -> Any:
+    """Search a history for steps, as ``gibench history check`` does
+    (:func:`gibench.commands.history.history_check`).
+
+    Returns:
+        :class:`gibench.commands.history.Checked`: ``table``, ``error``.
+    """
+    return import_module("gibench.commands.history").history_check(**options)
+
+
+def history_page(**options: Any) -> Any:
+    """Write a history's page, as ``gibench history show`` does
+    (:func:`gibench.commands.history.history_page`).
+
+    Returns:
+        The page's path.
+    """
+    return import_module("gibench.commands.history").history_page(**options)
+
+
+def export_mitsuba(scene: str, out: str | Path, **options: Any) -> Any:
+    """Write a scene for Mitsuba 3, so that it can check the truth
+    (:func:`gibench.commands.export.export_mitsuba`).
+
+    Returns:
+        The path of the XML file.
+    """
+    return import_module("gibench.commands.export").export_mitsuba(scene, out, **options)
+
+
+def list_scenes() -> Any:
+    """The built-in scenes, as ``gibench scenes`` lists them, a DataFrame
+    (:func:`gibench.commands.listings.list_scenes`).
+    """
+    return import_module("gibench.commands.listings").list_scenes()
+
+
+def list_techniques() -> Any:
+    """The techniques' settings, as ``gibench techniques`` lists them, a DataFrame
+    (:func:`gibench.commands.listings.list_techniques`).
+    """
+    return import_module("gibench.commands.listings").list_techniques()
+
+
+def list_devices() -> Any:
+    """The OpenCL devices, as ``gibench devices`` lists them, a DataFrame
+    (:func:`gibench.commands.listings.list_devices`).
+    """
+    return import_module("gibench.commands.listings").list_devices()
+
+
+def list_profiles() -> Any:
+    """The device profiles, as ``gibench profiles`` lists them, a DataFrame
+    (:func:`gibench.commands.listings.list_profiles`).
+    """
+    return import_module("gibench.commands.listings").list_profiles()
+
+
+def show_profile(name: str) -> Any:
+    """A profile, every figure with its source, as ``gibench profiles show`` has it
+    (:func:`gibench.commands.listings.show_profile`).
+
+    Returns:
+        :class:`gibench.commands.listings.ShownProfile`: ``figures``, ``machine``, ``text``.
+    """
+    return import_module("gibench.commands.listings").show_profile(name)
+
+
+def check_profile(name: str) -> Any:
+    """What is wrong with a profile, as ``gibench profiles check`` tells it
+    (:func:`gibench.commands.listings.check_profile`).
+
+    Returns:
+        :class:`gibench.commands.listings.CheckedProfile`: ``faults``, ``estimated``, ``spread``.
+    """
+    return import_module("gibench.commands.listings").check_profile(name)

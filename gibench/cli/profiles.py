@@ -36,22 +36,21 @@ def profiles(context: typer.Context) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.profiles import built_in_profiles, load_profile
+    from gibench.commands.listings import list_profiles
     from gibench.report.terminal import console
 
     table = Table("name", "device")
     for name in ("work-group", "SIMD", "local memory", "memory budget", "largest buffer"):
         table.add_column(name, justify="right")
-    for name in built_in_profiles():
-        profile = load_profile(name)
+    for row in list_profiles().to_dict("records"):
         table.add_row(
-            name,
-            escape(profile.title),
-            f"{profile.max_workgroup_size:,}",
-            f"{profile.simd_width}",
-            f"{profile.local_memory_bytes / 2**10:,.0f} KiB",
-            f"{profile.memory_budget_bytes / 2**20:,.0f} MiB",
-            f"{profile.max_buffer_bytes / 2**20:,.0f} MiB",
+            row["name"],
+            escape(row["device"]),
+            f"{row['max_workgroup_size']:,}",
+            f"{row['simd_width']}",
+            f"{row['local_memory_bytes'] / 2**10:,.0f} KiB",
+            f"{row['memory_budget_bytes'] / 2**20:,.0f} MiB",
+            f"{row['max_buffer_bytes'] / 2**20:,.0f} MiB",
         )
     console().print(table)
 
@@ -67,31 +66,31 @@ def show(
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.profiles import MACHINE_FIGURES, load_profile, profile_text
+    from gibench.commands.listings import show_profile
     from gibench.report.terminal import console
 
-    profile = load_profile(name)
+    shown = show_profile(name)
     if toml:
-        typer.echo(profile_text(name), nl=False)
+        typer.echo(shown.text, nl=False)
         return
-    table = Table("figure", title=escape(f"{profile.name}: {profile.title}"), title_justify="left")
+    title = escape(f"{shown.profile.name}: {shown.profile.title}")
+    table = Table("figure", title=title, title_justify="left")
     table.add_column("value", justify="right", no_wrap=True)
     table.add_column("source", overflow="fold")
-    for key, figure in profile.figures.items():
-        table.add_row(key, f"{figure.value:,.10g}", escape(figure.source))
+    for row in shown.figures.to_dict("records"):
+        table.add_row(row["figure"], f"{row['value']:,.10g}", escape(row["source"]))
     out = console()
     out.print(table)
-    if profile.machine is not None:
-        shown = Table("machine", title="What times are projected from", title_justify="left")
+    if shown.machine is not None:
+        machine = Table("machine", title="What times are projected from", title_justify="left")
         for heading in ("low", "nominal", "high"):
-            shown.add_column(heading, justify="right", no_wrap=True)
-        shown.add_column("source", overflow="fold")
-        for key in MACHINE_FIGURES:
-            each = getattr(profile.machine, key)
-            numbers = (f"{number:,.10g}" for number in (each.low, each.nominal, each.high))
-            shown.add_row(key, *numbers, escape(each.source))
-        out.print(shown)
-    out.print(f"SHA-256 {profile.content_hash}", soft_wrap=True)
+            machine.add_column(heading, justify="right", no_wrap=True)
+        machine.add_column("source", overflow="fold")
+        for row in shown.machine.to_dict("records"):
+            numbers = (f"{row[key]:,.10g}" for key in ("low", "nominal", "high"))
+            machine.add_row(row["figure"], *numbers, escape(row["source"]))
+        out.print(machine)
+    out.print(f"SHA-256 {shown.profile.content_hash}", soft_wrap=True)
 
 
 @app.command()
@@ -99,25 +98,17 @@ def check(
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="Profile to check.")],
 ) -> None:
     """Check a profile: a line for every fault, and what its machine part says."""
-    from gibench.errors import BadInput
-    from gibench.profiles import MACHINE_FIGURES, profile_text, read_profile
+    from gibench.commands.listings import check_profile
 
-    profile, faults = read_profile(profile_text(name), where=name)
-    if profile is None:
-        for fault in faults[:-1]:
-            typer.echo(f"gibench: {fault}", err=True)
-        raise faults[-1]
-    if profile.machine is None:
-        raise BadInput(
-            "has no machine part: limits hold, nothing can be projected",
-            where=name,
-            mend=f"add [machine] with {', '.join(MACHINE_FIGURES)}",
-        )
-    intervals = {key: getattr(profile.machine, key) for key in MACHINE_FIGURES}
-    estimated = [key for key, each in intervals.items() if each.estimated]
-    widest = max(intervals, key=lambda key: intervals[key].spread)
+    checked = check_profile(name)
+    for fault in checked.faults[:-1]:
+        typer.echo(f"gibench: {fault}", err=True)
+    if checked.faults or checked.profile is None:
+        raise checked.faults[-1]
+    spread = checked.spread
+    widest = max(spread, key=lambda figure: spread[figure])
     typer.echo(
-        f"{profile.name}: sound; {len(intervals)} figures of the machine, {len(estimated)} of them "
-        f"estimates; the least known is {widest} ({intervals[widest].spread:.3g} times from low to "
-        "high)"
+        f"{checked.profile.name}: sound; {len(spread)} figures of the machine, "
+        f"{len(checked.estimated)} of them estimates; the least known is {widest} "
+        f"({spread[widest]:.3g} times from low to high)"
     )

@@ -8,20 +8,14 @@ def scenes() -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from gibench.commands.listings import list_scenes
     from gibench.report.terminal import console
-    from gibench.scene.builtin import build, names
 
     table = Table("name")
     for title in ("triangles", "probes", "receivers", "lights", "cameras"):
         table.add_column(title, justify="right")
-    for name in names():
-        scene = build(name)
-        table.add_row(
-            escape(name),
-            f"{len(scene.triangles):,}",
-            f"{scene.probes.count:,}",
-            f"{scene.receivers:,}",
-            f"{len(scene.lights)}",
-            escape(", ".join(camera.name for camera in scene.cameras)),
-        )
+    for row in list_scenes().to_dict("records"):
+        numbers = (row["triangles"], row["probes"], row["receivers"], row["lights"])
+        cameras = escape(", ".join(row["cameras"]))
+        table.add_row(escape(row["name"]), *(f"{number:,}" for number in numbers), cameras)
     console().print(table)

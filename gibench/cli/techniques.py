@@ -5,28 +5,21 @@ from __future__ import annotations
 
 def techniques() -> None:
     """List the techniques and their settings, with units and what they trade."""
-    from dataclasses import fields
-
     from rich.markup import escape
     from rich.table import Table
 
-    from gibench.commands.asked import BY_OPTION
+    from gibench.commands.listings import list_techniques
     from gibench.report.terminal import console
-    from gibench.techniques.registry import techniques as all_techniques
+    from gibench.techniques.registry import find_technique
 
     out = console()
-    for spec in all_techniques().values():
+    for name, rows in list_techniques().groupby("technique", sort=False):
+        spec = find_technique(str(name))
         out.print(f"[bold]{spec.name}[/]: {escape(spec.title)} ({', '.join(spec.variants)})")
         table = Table("option", "default", "unit", "what it does")
-        usual = spec.settings_type()
-        for item in fields(spec.settings_type):
-            option = (
-                f"--{item.name.replace('_', '-')}"
-                if item.name in BY_OPTION
-                else f"--set {spec.name}.{item.name}="
+        for row in rows.dropna(subset=["setting"]).to_dict("records"):
+            table.add_row(
+                row["option"], escape(str(row["default"])), escape(row["unit"]), escape(row["help"])
             )
-            default = str(getattr(usual, item.name))
-            unit, text = item.metadata.get("unit", ""), item.metadata.get("help", "")
-            table.add_row(option, escape(default), escape(str(unit)), escape(str(text)))
         if table.row_count:
             out.print(table)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import inspect
 import pickle
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -15,24 +17,12 @@ import pytest
 import typer
 
 import gibench
-from gibench.cli import ab as cli_ab
-from gibench.cli import advise as cli_advise
-from gibench.cli import bake as cli_bake
-from gibench.cli import compare as cli_compare
-from gibench.cli import experiment as cli_experiment
-from gibench.cli import quality as cli_quality
-from gibench.cli import report as cli_report
-from gibench.cli import run as cli_run
-from gibench.cli.main import call
-from gibench.commands.ab import ab
-from gibench.commands.advise import advise
-from gibench.commands.bake import bake_ahead
-from gibench.commands.compare import compare
-from gibench.commands.experiment import experiment
-from gibench.commands.quality import quality
-from gibench.commands.report import make_report
-from gibench.commands.run import run
+from gibench.cli.main import app, call
+from gibench.device import list_devices as cl_devices
 from gibench.errors import BadInput
+from gibench.profiles import load_profile
+from gibench.scene.builtin import build
+from gibench.techniques.registry import find_technique, techniques
 from gibench.work import Serial, Threads
 from gibench.work.executors import ignore
 
@@ -163,35 +153,136 @@ def test_no_result_of_the_others_depends_on_the_executor(tmp_path: Path) -> None
     assert "order 7" in set(found["experiment"][0]["against"])
 
 
-@pytest.mark.parametrize(
-    ("called", "command"),
-    [
-        (run, cli_run.run),
-        (quality, cli_quality.quality),
-        (advise, cli_advise.advise),
-        (experiment, cli_experiment.experiment),
-        (ab, cli_ab.ab),
-        (compare, cli_compare.compare),
-        (make_report, cli_report.report),
-        (bake_ahead, cli_bake.bake),
-    ],
-)
-def test_python_takes_what_the_command_line_takes(called, command) -> None:
+# Commands whose Python call has another name, or several.
+CALLED = {
+    "bake": ("bake_ahead",),
+    "conform": ("conform_device",),
+    "devices": ("list_devices",),
+    "gallery": ("make_gallery",),
+    "history add": ("history_add",),
+    "history check": ("history_check",),
+    "history show": ("history_page",),
+    "merge": ("merge_runs",),
+    "profiles": ("list_profiles",),
+    "profiles check": ("check_profile",),
+    "profiles show": ("show_profile",),
+    "project": ("project_run",),
+    "report": ("make_report",),
+    "scenes": ("list_scenes",),
+    "techniques": ("list_techniques",),
+    "validate-projection": ("validate_projection", "predict_validation", "check_orders"),
+}
+# Options and arguments that Python calls otherwise.
+RENAMED = {
+    "moving": "motion",
+    "gallery files": "submissions",
+    "conform kernels": "kernel_tree",
+    "validate-projection predict": "folder",
+    "validate-projection here": "runs",
+}
+# Where the command line shows or writes what Python returns; who bakes, Python gives as executor.
+SHOWN = {"quiet", "markdown", "json", "scheduler", "scheduler_file", "workers"}
+SHOWN |= {"profiles show toml", "calibrate out"}
+# What Python cannot leave out: an experiment's name (alone, the command lists them), and the places
+# of what the modes of 'validate-projection' are about.
+GIVEN = {"experiment name", "validate-projection predict", "validate-projection here"}
+
+
+def commands_of(group: Any, before: str = "") -> dict[str, Any]:
+    """Every command by its words, with the function behind it; groups that do something, too."""
+    found: dict[str, Any] = {}
+    for name, one in group.commands.items():
+        is_group = hasattr(one, "commands")
+        if is_group:
+            found |= commands_of(one, f"{before}{name} ")
+        if not is_group or not one.no_args_is_help:
+            found[f"{before}{name}"] = inspect.unwrap(one.callback)
+    return found
+
+
+COMMANDS = commands_of(typer.main.get_command(app))
+
+
+def called_by(command: str) -> list[Any]:
+    """The functions behind what Python calls for a command."""
+    names = CALLED.get(command, (command,))
+    assert set(names) <= set(gibench.__all__), f"'gibench {command}' has no Python call"
+    texts = [getattr(gibench, name).__doc__ for name in names]
+    homes = [re.search(r":func:`([\w.]+)\.(\w+)`", text) for text in texts]
+    return [getattr(import_module(home[1]), home[2]) for home in homes if home is not None]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_python_takes_what_the_command_line_takes(command: str) -> None:
     """By the same names, with the same defaults; but for what is shown, and who bakes."""
-    mine, theirs = inspect.signature(called).parameters, inspect.signature(command).parameters
-    renamed = {"moving": "motion"}
-    options = {renamed.get(name, name): one.default for name, one in theirs.items()}
-    assert options.pop("quiet", False) is False
-    for name in ("scheduler", "scheduler_file", "workers"):  # Python gives the executor itself
-        assert options.pop(name, None) is None
-    for name in ("markdown", "json"):  # where the command line writes what Python returns
-        assert options.pop(name, None) is None
-    assert set(mine) - set(options) <= {"executor"} and set(options) <= set(mine)
-    options.pop("name", None)  # which experiment: Python cannot list them by leaving it out
-    for name, default in options.items():
+    mine: dict[str, inspect.Parameter] = {}
+    for called in called_by(command):
+        mine = {**inspect.signature(called).parameters, **mine}
+    assert mine or not inspect.signature(COMMANDS[command]).parameters or command == "profiles"
+    for name, one in inspect.signature(COMMANDS[command]).parameters.items():
+        key = f"{command} {name}"
+        if {name, key} & SHOWN or name == "context":
+            continue
+        wanted = RENAMED.get(key, RENAMED.get(name, name))
+        assert wanted in mine, f"{command}: {name}"
+        default = tuple(one.default) if isinstance(one.default, list) else one.default
         assert not isinstance(default, typer.models.OptionInfo)
-        wanted = tuple(default) if isinstance(default, list) else default
-        assert mine[name].default == wanted, name
+        if key not in GIVEN:
+            python = mine[wanted].default
+            is_path = isinstance(default, Path)
+            assert (Path(python) if is_path else python) == default, name
+
+
+def test_every_python_call_has_a_command_but_for_those_named() -> None:
+    called = {name for command in COMMANDS for name in CALLED.get(command, (command,))}
+    alone = {"__version__", "cluster", "export_mitsuba", "load_run"}
+    assert set(gibench.__all__) == called | alone
+    page = PAGE.read_text(encoding="utf-8")
+    assert [name for name in gibench.__all__ if f"gibench.{name}" not in page] == ["__version__"]
+
+
+def test_what_there_is_as_tables() -> None:
+    scenes = gibench.list_scenes().set_index("name")
+    assert scenes.loc["cornell-box", "triangles"] == len(build("cornell-box").triangles)
+    settings = gibench.list_techniques()
+    assert set(settings["technique"]) == set(techniques())
+    budget = settings.set_index(["technique", "setting"]).loc[("gibs", "ray_budget")]
+    assert budget["option"] == "--set gibs.ray_budget="
+    assert budget["default"] == find_technique("gibs").settings_type().ray_budget
+    devices = gibench.list_devices()
+    assert devices["number"].tolist() == list(range(len(cl_devices())))
+    profiles = gibench.list_profiles().set_index("name")
+    assert (
+        profiles.loc["iphone7", "max_workgroup_size"] == load_profile("iphone7").max_workgroup_size
+    )
+
+
+def test_a_profile_shown_and_checked(tmp_path: Path) -> None:
+    shown = gibench.show_profile("vega56")
+    assert shown.machine is not None and (shown.machine["low"] <= shown.machine["high"]).all()
+    assert shown.figures["source"].str.len().min() > 0
+    checked = gibench.check_profile("vega56")
+    assert not checked.faults and set(checked.spread) == set(shown.machine["figure"])
+    (tmp_path / "bad.toml").write_text(shown.text.replace("[machine", "[machines"))
+    bad = gibench.check_profile(str(tmp_path / "bad.toml"))
+    assert bad.faults and all(isinstance(fault, BadInput) for fault in bad.faults)
+
+
+def test_a_scene_is_written_for_mitsuba(tmp_path: Path) -> None:
+    file = gibench.export_mitsuba("cornell-box", tmp_path / "m", resolution=(8, 6), camera=0)
+    film = ET.parse(file).find("./sensor/film")
+    assert film is not None
+    size = {one.get("name"): one.get("value") for one in film.iter("integer")}
+    assert (size["width"], size["height"]) == ("8", "6")
+    (tmp_path / "file").touch()
+    for options, told in (
+        ({"camera": "nosuch"}, "has no camera 'nosuch'"),
+        ({"resolution": "8"}, "not WxH"),
+        ({"bounces": -1}, "--bounces -1 is out of range"),
+        ({"out": tmp_path / "file"}, "cannot be written"),
+    ):
+        with pytest.raises(BadInput, match=re.escape(told)):
+            gibench.export_mitsuba(**{"scene": "cornell-box", "out": tmp_path / "n", **options})
 
 
 def test_what_is_wrong_is_told_before_anything_long(tmp_path: Path) -> None:

@@ -262,9 +262,7 @@ def test_the_kernels_look_up(rng: np.random.Generator, group: int, with_images: 
     device = any_size_device()
     defines = SCENE_MACROS | GLOSS_MACROS | ({"GLOSS_MAPS": 1} if with_images else {})
     source = kernel_source("common/gloss.cl") + kernel_source("common/ggx.cl") + LOOK_UP
-    program = cl.Program(device.context, source).build(
-        [*macro_options({"WG": group, **defines})]
-    )
+    program = cl.Program(device.context, source).build([*macro_options({"WG": group, **defines})])
     out = device.empty("out", 5 * count, np.float32)
     table = material_table(materials)
     held = [device.upload("ids", ids), device.upload("materials", table)]

@@ -20,6 +20,7 @@ from support.pairwise import few, pairwise
 from support.vector_widths import skip_too_wide
 
 from gibench.device import kernel_source
+from gibench.device.build import macro_options
 from gibench.techniques.gibs.conform_oracle import gathered
 from gibench.techniques.gibs.macros import GIBS_MACROS
 from gibench.techniques.parts.macros import SCENE_MACROS
@@ -122,7 +123,7 @@ def test_hemisphere_texels_are_equally_likely_and_found_again(rng):
     normal = unit_vectors(n, rng)
     square = rng.uniform(-1, 1, (n, 2)).astype(np.float32)
     out = device.empty("direction", (n, 3), np.float32), device.empty("back", (n, 2), np.float32)
-    built = cl.Program(device.context, source).build()
+    built = cl.Program(device.context, source).build([*macro_options(GIBS_MACROS)])
     built.round_trip(device.queue, (n,), (64,), device.upload("n", normal).mem,
                      device.upload("s", square).mem, out[0].mem, out[1].mem)  # fmt: skip
     direction, back = map(device.read, out)
