@@ -11,7 +11,7 @@ from typing import Any
 from gibench.commands import asked
 from gibench.commands.bounds import within_bounds
 from gibench.device.selection import first_device, list_devices
-from gibench.errors import BadInput, CheckFailed, GibenchError
+from gibench.errors import BadInput, CheckFailed, GibenchError, printable
 from gibench.measure.compare import ab as checks
 from gibench.measure.compare.ab import AbOptions, AbResult
 from gibench.measure.compare.kernel_trees import kernel_tree
@@ -22,6 +22,8 @@ from gibench.measure.machine.environment import device_record, environment, vers
 from gibench.measure.plan.stopping import Patience
 from gibench.progress import progress
 from gibench.report.comparison import Comparison, Row
+from gibench.scene.load import is_file
+from gibench.scene.model import Scene
 from gibench.techniques.job import Job
 
 
@@ -62,7 +64,7 @@ def ab(
     cache = asked.cache_folder(cache_dir)
     device = first_device()
     place = Place(str(cache), device=list_devices().index(device))
-    checks.bake_once(job, cache)
+    where = _scene_in_words(job, checks.bake_once(job, cache))
     how = AbOptions(
         limit,
         replicates,
@@ -86,13 +88,15 @@ def ab(
     slower = alarmed(result.judged)
     image = f"{job.shot.width} x {job.shot.height}"
     failed = CheckFailed(f"slower by more than {threshold}: {', '.join(slower)}")
+    title = f"gibench ab: {technique} ({_shape(job)}) on {where}, {image}"
     return Comparison(
-        title=f"gibench ab: {technique} ({_shape(job)}) on {Path(scene).name}, {image}",
+        title=title,
         rows=_rows(result),
         remarks=_remarks(result, limit),
         facts={
             "schema_version": 1,
             "kind": "ab",
+            "title": title,
             "old": {"name": result.old.name, "kernels": result.old.content_hash},
             "new": {"name": result.new.name, "kernels": result.new.content_hash},
             "threshold": limit,
@@ -106,6 +110,15 @@ def ab(
         },
         error=failed if slower else None,
     )
+
+
+def _scene_in_words(job: Job, scene: Scene) -> str:
+    """A built-in scene's name; a file's with what is in it, as others may have its name: what is
+    compared, and a history's series, goes by it.
+    """
+    if not is_file(job.scene):
+        return scene.name
+    return f"{printable(Path(job.scene).name)} ({scene.content_hash()[:8]})"
 
 
 def _shape(job: Job) -> str:

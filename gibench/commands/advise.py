@@ -117,6 +117,8 @@ def advise(
     cl_device = select_cl_device(device)
     site = Site(asked.cache_folder(cache_dir), seed, device, executor)
     shared = site.standing(light_frame)
+    if found := asked.contents([scene], shared):
+        arguments["scene_contents"] = found
     all_receivers = shared.scene(scene).receivers
     shares = tuple(max(1, round(all_receivers * share)) for share in RECEIVER_SHARES)
     jobs = sweep(

@@ -10,7 +10,9 @@ from typing import Any, Literal
 from gibench.errors import BadInput, printable
 from gibench.measure.plan.grid import grid
 from gibench.measure.runfolder.folder import RunFolder, default_folder
+from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile, load_profile
+from gibench.scene.load import is_file
 from gibench.scene.motion.file import load_motions
 from gibench.techniques.camera_path import FlightOptions
 from gibench.techniques.job import AUTO, Job, Shot
@@ -265,6 +267,17 @@ def recorded(given: Mapping[str, Any], *names: str) -> dict[str, Any]:
         names_only = [printable(Path(each).name) for each in ([value] if is_one else value)]
         arguments[name] = names_only[0] if is_one else names_only
     return arguments
+
+
+def contents(scenes: Sequence[str], shared: Shared) -> dict[str, str]:
+    """What is in the scene files among ``scenes``, SHA-256 by the name that the command gives each:
+    files of one name are told apart by it, and a folder of results goes on with the same ones only.
+
+    Raises:
+        BadInput: one cannot be loaded.
+    """
+    loaded = (shared.scene(scene) for scene in scenes if is_file(scene))
+    return {scene.name: scene.content_hash() for scene in loaded}
 
 
 def _listed(value: Any) -> Any:

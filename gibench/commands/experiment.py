@@ -17,6 +17,7 @@ from gibench.measure.plan.stopping import Patience
 from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.folder import RunFolder
 from gibench.reference.path_tracer import check_paths
+from gibench.scene.load import names_apart
 from gibench.study.experiments import find_experiment
 from gibench.study.experiments.common import Context, Experiment
 from gibench.study.experiments.running import points_left, run_experiment, shard_record
@@ -80,6 +81,7 @@ def experiment(
     profiles = asked.load_profiles(asked.several(device_profile) or chosen.profiles)
     cl_device = select_cl_device(device)
     cache, scenes = asked.cache_folder(cache_dir), asked.several(scene)
+    site = Site(cache, seed, device, executor, names=names_apart(scenes))
     arguments: dict[str, Any] = {
         "experiment": chosen.name,
         "quick": quick,
@@ -94,6 +96,8 @@ def experiment(
         "target": target,
         "seed": seed,
     }
+    if found := asked.contents(scenes, site.standing()):
+        arguments["scene_contents"] = found
     taken = None
     if errors_from is not None:
         before = Path(errors_from)
@@ -101,7 +105,7 @@ def experiment(
         arguments["errors_from"] = before.name
     context = Context(
         profiles=tuple(profiles),
-        site=Site(cache, seed, device, executor),
+        site=site,
         scenes=scenes,
         quick=quick,
         frames=frames,

@@ -26,6 +26,7 @@ _SHORT = {
     "blotches": "blotches",
     "missing": "missing",
 }
+CANNOT_TELL = "cannot tell"
 _LEAST = 0.01
 """Of a threshold: where a profile's bars begin."""
 _MOST = 100.0
@@ -48,6 +49,24 @@ def fault_text(value: Any, fault: Fault) -> str:
     return f"{100 * value:.2f} %"
 
 
+def cell(row: Mapping[str, Any] | pd.Series, fault: Fault) -> str:
+    """A result's figure to read; ``CANNOT_TELL`` where it was looked for in vain."""
+    return fault_text(row.get(fault.name), fault) or (CANNOT_TELL if _reason(row, fault) else "")
+
+
+def _reason(row: Mapping[str, Any] | pd.Series, fault: Fault) -> str:
+    """Why a result has no figure though it was looked for; empty where it has, or it was not."""
+    told = row.get("lag_light_reason") if fault.name.startswith("lag_light") else None
+    missing = row.get(fault.name) is None or pd.isna(row.get(fault.name))
+    return str(told) if missing and isinstance(told, str) else ""
+
+
+def not_told(row: Mapping[str, Any] | pd.Series) -> list[str]:
+    """Lines on the figures of a result that were looked for in vain."""
+    reasons = dict.fromkeys(filter(None, (_reason(row, fault) for fault in FAULTS)))
+    return [f"{row['result']}: how long light takes cannot be told: {one}." for one in reasons]
+
+
 def is_fault(value: Any, fault: Fault) -> bool:
     """Whether a figure is over its threshold."""
     return value is not None and not pd.isna(value) and bool(value > fault.threshold)
@@ -65,7 +84,10 @@ def told(group: pd.DataFrame) -> list[str]:
     rows = profiled(group)
     if not rows:
         return []
-    lines = ["", "### Faults", "", *_markdown(rows), "", _MEANING, "", "![faults](faults.png)"]
+    untold = [line for row in rows for line in not_told(row)]
+    lines = ["", "### Faults", "", *_markdown(rows), ""]
+    lines += [*untold, ""] if untold else []
+    lines += [_MEANING, "", "![faults](faults.png)"]
     dark = rows[0]["dark_area"]
     if not pd.isna(dark) and not dark:
         lines[3:3] = ["Nothing in this scene is dark, so that there is nowhere to leak to.", ""]
@@ -78,7 +100,7 @@ def _markdown(rows: Sequence[pd.Series]) -> list[str]:
     for row in rows:
         cells = [str(row["result"]).replace("|", "\\|")]
         for fault in FAULTS:
-            text = fault_text(row[fault.name], fault)
+            text = cell(row, fault)
             cells.append(f"**{text}**" if is_fault(row[fault.name], fault) else text)
         lines.append("| " + " | ".join(cells) + " |")
     limits = [f"{_limit(fault)}" for fault in FAULTS]
@@ -102,30 +124,33 @@ def show_faults(out: Console, group: pd.DataFrame) -> None:
     for row in rows:
         cells = [escape(str(row["result"]))]
         for fault in FAULTS:
-            text = fault_text(row[fault.name], fault)
+            text = cell(row, fault)
             cells.append(f"[bold red]{text}[/]" if is_fault(row[fault.name], fault) else text)
         table.add_row(*cells)
     out.print(table)
+    for line in (line for row in rows for line in not_told(row)):
+        out.print(escape(line), soft_wrap=True)
 
 
 def profile_of(row: Mapping[str, Any] | pd.Series) -> list[dict[str, Any]]:
     """What a page draws of a result: for each fault its title, what it reads, whether it is one,
     and how long its bar is, from 0 (a hundredth of the threshold, or less) over a half (the
-    threshold) to 1 (a hundred times it, or more). Faults without a figure are left out.
+    threshold) to 1 (a hundred times it, or more). Faults without a figure are left out, but for
+    those that were looked for in vain.
     """
     found = []
     for fault in FAULTS:
-        value = row.get(fault.name)
-        if value is None or pd.isna(value):
+        value, text, reason = row.get(fault.name), cell(row, fault), _reason(row, fault)
+        if not text:
             continue
         found.append(
             {
                 "name": _SHORT[fault.name],
-                "meaning": fault.meaning,
-                "text": fault_text(value, fault),
+                "meaning": f"{fault.meaning}; {reason}" if reason else fault.meaning,
+                "text": text,
                 "limit": _limit(fault),
                 "bad": is_fault(value, fault),
-                "length": bar_length(float(value), fault),
+                "length": 0.0 if value is None or reason else bar_length(float(value), fault),
             }
         )
     return found
@@ -163,8 +188,8 @@ def plot_faults(path: Path, table: pd.DataFrame) -> None:
         where.barh(at, lengths, color=[mine if bad else "#c9ccd1" for bad in faulty])
         where.set_yticks(range(len(FAULTS)), list(_SHORT.values()), fontsize=7)
         where.set_ylim(len(FAULTS) - 0.5, -0.5)
-        for place, fault in zip(at, shown, strict=True):
-            where.text(1.02, place, fault_text(row[fault.name], fault), fontsize=7, va="center")
+        for place, fault in enumerate(FAULTS):
+            where.text(1.02, place, cell(row, fault), fontsize=7, va="center")
         where.axvline(0.5, color="black", linewidth=0.8)
         where.set_xlim(0, 1.25)
         where.set_xticks([0, 0.5, 1], ["1/100", "threshold", "x 100"], fontsize=6)

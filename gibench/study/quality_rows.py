@@ -133,7 +133,7 @@ def columns(axes: Sequence[Axis]) -> tuple[str, ...]:
         *("hidden", "bias_open", "bias_open_noise", "rel_l2_open", "rel_l2_open_noise"),
         *("rest", "frames_to_rest", "ms_to_rest", "gi_ms", "bake_seconds"),
         *(fault.name for fault in faults.FAULTS),
-        "dark_area",
+        *("dark_area", "lag_light_reason"),
     )
 
 
@@ -164,8 +164,8 @@ def rows_of(
     return rows
 
 
-def _faults(settled: Settled, group: Group) -> dict[str, float]:
-    """The figures of :data:`gibench.measure.statistics.faults.FAULTS`."""
+def _faults(settled: Settled, group: Group) -> dict[str, Any]:
+    """The figures of :data:`gibench.measure.statistics.faults.FAULTS`, and why one is not told."""
     truth, area = group.truth, group.lightmap.receivers.area.astype(np.float64)
     result = settled.irradiance
     flat = flat_errors(group.flat, result, truth.value, truth.stderr, area)

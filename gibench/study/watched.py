@@ -19,6 +19,7 @@ from gibench.measure.session.session import Session
 from gibench.measure.session.shared import Shared
 from gibench.measure.statistics.faults import (
     HALF,
+    LEAST_CHANGE,
     NAN,
     NEARLY,
     NEVER,
@@ -37,6 +38,7 @@ from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import IDENTITY, Keyframes
 from gibench.techniques.job import Job
 from gibench.techniques.object_motion import SCENE, MotionOptions
+from gibench.techniques.parts.reach import indirect_light
 from gibench.techniques.registry import Follows, TechniqueSpec, find_technique
 from gibench.work import Worker
 
@@ -49,6 +51,7 @@ FOLLOW_FRAMES = 256
 DIMMED = 0.25
 """Of the lights' strength."""
 _AVERAGED = 8  # frames at the end of those away; noise then hardly counts
+_SURELY = 2.0  # times what counts as a change: lamps' light is estimated to some 50 %
 _LARGEST = 0.5  # of the scene's diagonal: what is larger is no object to be moved
 
 
@@ -64,6 +67,7 @@ class Observed:
         lag_light_95: until 95 % are.
         lag_object_half: frames until half of what an object that is put back changes is there.
         lag_object_95: until 95 % are.
+        lag_light_reason: why no lag of a light can be told, where lights were switched; empty else.
     """
 
     flicker_p50: float = NAN
@@ -72,6 +76,7 @@ class Observed:
     lag_light_95: float = NAN
     lag_object_half: float = NAN
     lag_object_95: float = NAN
+    lag_light_reason: str = ""
 
 
 @dataclass
@@ -148,15 +153,20 @@ class Watch:
         with progress_bar(f"watching {session.job.technique}", most) as advance:
             frames = _Frames(session, first, advance)
             settled = frames.moments(FLICKER_FRAMES)
-            half, nearly = NAN, NAN
+            half, nearly, reason = NAN, NAN, ""
             if lights and settled.mean.any():
                 self._dial.level = DIMMED
                 frames.run(AWAY_FRAMES - _AVERAGED)
                 away = frames.moments(_AVERAGED)
                 self._dial.level = 1.0
-                half, nearly = frames.follow(away, settled) or (NEVER, NEVER)
+                followed = frames.follow(away, settled)
+                if followed is None:
+                    area = session.world.lightmap.receivers.area.astype(np.float64)
+                    reason = not_told(session.world.scene, settled, area)
+                    followed = (NAN, NAN) if reason else (NEVER, NEVER)
+                half, nearly = followed
         p50, p99 = flicker(settled)
-        return Observed(p50, p99, half, nearly)
+        return Observed(p50, p99, half, nearly, lag_light_reason=reason)
 
 
 @dataclass
@@ -196,6 +206,38 @@ class _Frames:
         while len(shares) < FOLLOW_FRAMES and (not shares or max(shares) < NEARLY):
             shares.append(progress(self.light(), old, new, area))
         return frames_until(shares, HALF), frames_until(shares, NEARLY)
+
+
+def not_told(scene: Scene, settled: Moments, area: Doubles) -> str:
+    """Why light that did not change with its lamps says nothing of how it follows them: by geometry
+    they make too little of it, or less than its own flicker hides. Empty where it should have
+    changed.
+
+    Args:
+        scene: whose lights were dimmed to ``DIMMED``.
+        settled: light (n,) before.
+        area: (n,) of the receivers, m2.
+    """
+    light, of_lamps = indirect_light(scene)
+    squares = float((light * light).sum())
+    share = float(of_lamps.sum() / light.sum()) if light.sum() > 0 else 0.0
+    change = (
+        (1 - DIMMED) * float(np.sqrt((of_lamps * of_lamps).sum() / squares)) if squares else 0.0
+    )
+    who = f"{_lamps(scene)} {'makes' if len(scene.lights) == 1 else 'make'} about {share:.2g}"
+    if change < _SURELY * LEAST_CHANGE:
+        return f"{who} of the indirect light, too little to see it follow"
+    noise = float((area * settled.deviation**2).sum() / (area * settled.mean**2).sum())
+    if change < 2 * np.sqrt(2 * noise):
+        return f"{who} of the indirect light, less than its flicker hides"
+    return ""
+
+
+def _lamps(scene: Scene) -> str:
+    """The lights by kind, as in "2 point lights and 1 directional light"."""
+    kinds = [type(light).__name__.removesuffix("Light").lower() for light in scene.lights]
+    counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+    return " and ".join(f"{n} {kind} light{'s' * (n > 1)}" for kind, n in counts.items())
 
 
 def object_lag(

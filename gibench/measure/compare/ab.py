@@ -17,6 +17,7 @@ from gibench.measure.compare.paired import Judged, judge_rows, looks, undecided
 from gibench.measure.compare.replicate import Place
 from gibench.measure.plan.stopping import Patience
 from gibench.measure.session.shared import Shared
+from gibench.scene.model import Scene
 from gibench.techniques.job import Job
 from gibench.techniques.registry import find_technique
 
@@ -141,15 +142,17 @@ def check(
     )
 
 
-def bake_once(job: Job, cache_dir: Path) -> None:
-    """Bake what ``job`` needs into the cache, so that no replicate has to.
+def bake_once(job: Job, cache_dir: Path) -> Scene:
+    """Bake what ``job`` needs into the cache, so that no replicate has to; its scene.
 
     Raises:
         GibenchError: it cannot be baked, or the settings are wrong.
     """
     shared = Shared(cache_dir, job.seed)
-    receivers = job.receivers or shared.scene(job.scene).receivers
+    scene = shared.scene(job.scene)
+    receivers = job.receivers or scene.receivers
     shared.baked(find_technique(job.technique), job.settings, job.scene, receivers)
+    return scene
 
 
 def log_ratios(pairs: list[PairTimes]) -> dict[str, list[float]]:

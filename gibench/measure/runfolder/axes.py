@@ -27,6 +27,7 @@ TAKEN = frozenset(
         *("settled", "change", "hidden", "uncovered", "bias", "flip", "ssim", "number", "fits"),
         *("leak", "dark_area", "flicker_p50", "flicker_p99", "blotches", "missing"),
         *("lag_light_half", "lag_light_95", "lag_object_half", "lag_object_95", "bake_seconds"),
+        "lag_light_reason",
         *("fps", "real_time", "pareto", "memory_bytes", "memory_budget_bytes"),
     )
 )

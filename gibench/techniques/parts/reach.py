@@ -40,25 +40,40 @@ def light_in_reach(scene: Scene, camera: Camera, aspect: float, hops: bool) -> f
     factors = _view_factors(scene, origins, normals, _area(scene) / _POINTS)
     if hops:
         reached = _spread(reached, factors)
-    light = _indirect(scene, points, normals, origins, factors, rng)
+    light, _ = _indirect(scene, points, normals, origins, factors, rng)
     return float(light[reached].sum() / light.sum()) if light.sum() > 0 else 1.0
+
+
+def indirect_light(scene: Scene) -> tuple[Doubles, Doubles]:
+    """Indirect irradiance (n,) at points spread over all fronts by area, and that of it which comes
+    of point, spot and directional lights, W/m2: by few rays and bounces, good for shares of it.
+
+    Args:
+        scene: the scene.
+    """
+    rng = np.random.default_rng(11)
+    points, normals = points_on_surfaces(scene, rng, _POINTS)
+    origins = points + surface_offset(scene) * normals
+    factors = _view_factors(scene, origins, normals, _area(scene) / _POINTS)
+    return _indirect(scene, points, normals, origins, factors, rng)
 
 
 def _indirect(
     scene: Scene, points: Doubles, normals: Doubles, origins: Doubles, factors: Doubles,
     rng: np.random.Generator,
-) -> Doubles:  # fmt: skip
-    """Indirect irradiance (n,), about, W/m2."""
+) -> tuple[Doubles, Doubles]:  # fmt: skip
+    """Indirect irradiance (n,), about, and that of it which lights send, W/m2."""
     starts = origins.astype(np.float32)
     sent = sky_at(scene, normals, starts, rng)[0]
     sent = sent + emitted_at(scene, points, normals, starts, rng)[0]
     lamps = lamps_at(scene, points, normals, starts)
     # What points stand for overlaps where they are close: no point sees more than all there is.
     seen = factors / np.maximum(factors.sum(axis=0), 1.0)
-    found = sent
+    found, of_lamps = sent, np.zeros(len(sent))
     for _ in range(_BOUNCES):
         found = sent + _REFLECTED * (found + lamps) @ seen
-    return np.asarray(found)
+        of_lamps = _REFLECTED * (of_lamps + lamps) @ seen
+    return np.asarray(found), np.asarray(of_lamps)
 
 
 def _area(scene: Scene) -> float:
