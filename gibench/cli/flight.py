@@ -12,9 +12,10 @@ CameraPathChoice = Annotated[
     str,
     typer.Option(
         "--camera-path",
-        metavar="rest|flight|FILE",
+        metavar="rest|flight|around|FILE",
         help="What the camera of every technique does: rest; flight, a round "
-        "through the scene and back to rest; or a TOML file of positions and targets. Without "
+        "through the scene and back to rest; around, one around its outside; or a TOML file of "
+        "positions and targets. Without "
         "--frames, the whole flight is measured.",
         rich_help_panel=OUTPUT,
     ),

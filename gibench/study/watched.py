@@ -224,7 +224,9 @@ def not_told(scene: Scene, settled: Moments, area: Doubles) -> str:
     change = (
         (1 - DIMMED) * float(np.sqrt((of_lamps * of_lamps).sum() / squares)) if squares else 0.0
     )
-    who = f"{_lamps(scene)} {'makes' if len(scene.lights) == 1 else 'make'} about {share:.2g}"
+    who = (
+        f"{_lamps(scene)} {'makes' if len(scene.lights) == 1 else 'make'} about {100 * share:.2g} %"
+    )
     if change < _SURELY * LEAST_CHANGE:
         return f"{who} of the indirect light, too little to see it follow"
     noise = float((area * settled.deviation**2).sum() / (area * settled.mean**2).sum())

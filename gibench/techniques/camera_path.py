@@ -17,6 +17,11 @@ from gibench.techniques.look_around import FLIGHT_FOV, keyframes
 
 REST: Final = "rest"
 FLIGHT: Final = "flight"
+AROUND: Final = "around"
+BUILT_IN: Final = (REST, FLIGHT, AROUND)
+"""Paths that are no files."""
+_VIEWS: Final = 12  # of one turn around a scene
+_AWAY: Final = 1.8  # from its middle, in half diagonals of its floor
 
 
 @dataclass(frozen=True)
@@ -90,6 +95,23 @@ def built_in_flight(scene: Scene, camera: Camera) -> CameraPath:
     )
 
 
+def around(scene: Scene, camera: Camera) -> CameraPath:
+    """From ``camera`` out of the scene, once around it at the height of its middle, once around it
+    from above, and back: what a flight through its inside does not show.
+    """
+    low, high = (bound.astype(np.float64) for bound in scene.bounds)
+    middle, half = (low + high) / 2, (high - low) / 2
+    away = _AWAY * max(float(np.hypot(half[0], half[2])), float(half[1]))
+    angle = 2 * np.pi * np.arange(_VIEWS + 1) / _VIEWS
+    ring = away * np.stack([np.cos(angle), np.zeros(len(angle)), np.sin(angle)], axis=1)
+    level, above = (middle + ring + (0.0, up, 0.0) for up in (0.2 * half[1], away))
+    looked_at = np.broadcast_to(middle, (2 * len(angle), 3))
+    return CameraPath(
+        np.array([camera.position, *level, *above, camera.position]),
+        np.array([camera.target, *looked_at, camera.target]),
+    )
+
+
 def load_camera_path(path: Path) -> CameraPath:
     """The path in a TOML file with ``positions`` and ``targets``, lists of [x, y, z] in metres.
 
@@ -140,8 +162,8 @@ class FlightOptions:
     """Which flight drives the camera: the same for every technique of a run.
 
     Attributes:
-        path: ``rest``, ``flight`` (built in for every scene), or a TOML file of positions and
-            targets.
+        path: ``rest``; ``flight`` and ``around``, built in for every scene; or a TOML file of
+            positions and targets.
         rest_frames: at rest before the flight; after it the camera rests again.
         flight_frames: of the flight.
 
@@ -171,7 +193,7 @@ class FlightOptions:
         Raises:
             BadInput: it holds none.
         """
-        if self.path not in (REST, FLIGHT):
+        if self.path not in BUILT_IN:
             load_camera_path(Path(self.path))
 
     def of(self, scene: Scene, camera: Camera) -> Flight | None:
@@ -184,6 +206,8 @@ class FlightOptions:
             return None
         if self.path == FLIGHT:
             path = built_in_flight(scene, camera)
+        elif self.path == AROUND:
+            path = around(scene, camera)
         else:
             path = load_camera_path(Path(self.path)).seen_from(scene.origin)
         return Flight(path, self.rest_frames, self.flight_frames)

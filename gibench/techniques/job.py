@@ -20,8 +20,7 @@ from gibench.scene.lightmap import Lightmap
 from gibench.scene.load import is_file
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
-from gibench.techniques.camera_path import FLIGHT, Flight, FlightOptions
-from gibench.techniques.camera_path import REST as CAMERA_AT_REST
+from gibench.techniques.camera_path import BUILT_IN, Flight, FlightOptions
 from gibench.techniques.clock import Clock
 from gibench.techniques.object_motion import REST, SCENE, MotionOptions
 
@@ -90,7 +89,7 @@ class Job:
     def anywhere(self) -> Job:
         """The same job for a process in any folder of this machine: its files' paths absolute."""
         flight, motion = self.shot.flight, self.shot.motion
-        if flight.path not in (CAMERA_AT_REST, FLIGHT):
+        if flight.path not in BUILT_IN:
             flight = replace(flight, path=str(Path(flight.path).absolute()))
         if motion.path not in (REST, SCENE):
             motion = replace(motion, path=str(Path(motion.path).absolute()))

@@ -119,6 +119,11 @@ def no_remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     return []
 
 
+def no_bake_remarks(job: Job, context: BakeContext) -> list[str]:
+    """For a technique whose bake never keeps light from a scene."""
+    return []
+
+
 def no_flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """For a technique whose light is right everywhere where its mean is."""
     return []
@@ -160,6 +165,8 @@ class TechniqueSpec:
         remarks: why the technique will not come within 10 % of the scene's mean indirect light,
             told before a run: by tests of geometry, lights and settings, a sentence without a full
             stop each, with the setting that would help and what it costs.
+        bake_remarks: likewise, by what a short first part of the bake finds, told before the rest
+            of it.
         flaws: why light will be where it should not, or noise, though its mean over the scene may
             be right, told likewise.
         shades_normal_maps: whether it shades what the camera sees with the scene's normal maps, as
@@ -193,6 +200,7 @@ class TechniqueSpec:
     check: Callable[[Scene, Any], None] = no_check
     check_moving: Callable[[Any], None] = no_moving_check
     remarks: Callable[[Job, Scene, Camera], list[str]] = no_remarks
+    bake_remarks: Callable[[Job, BakeContext], list[str]] = no_bake_remarks
     flaws: Callable[[Job, Scene, Camera], list[str]] = no_flaws
     shades_normal_maps: Callable[[Any], bool] = no_normal_maps
     normal_map_options: str = ""

@@ -287,12 +287,12 @@ def test_a_light_that_makes_too_little_is_not_called_never(tmp_path):
     for light in (np.full(4, 0.99), np.full(4, 1.01)):
         settled.add(light)
     told = {}
-    for strength in (0.004, 0.3, 40.0):
+    for strength in (0.004, 6.0, 100.0):
         told[strength] = not_told(load_scene(yard(tmp_path, strength)), settled, np.ones(4))
-    assert re.fullmatch(r"1 point light makes about 0\.00\d+ of the indirect light, too little .*",
+    assert re.fullmatch(r"1 point light makes about 0\.00\d+ % of the indirect light, too little .*",
                         told[0.004])  # fmt: skip
-    assert told[0.3].endswith("less than its flicker hides")
-    assert told[40.0] == ""
+    assert told[6.0].endswith("less than its flicker hides")
+    assert told[100.0] == ""
     reason = told[0.004]
     never = {fault.name: np.nan for fault in FAULTS} | {"result": "a", "technique": "srp"}
     never |= {"flicker_p50": 0.0, "dark_area": 0.5, "lag_light_reason": reason}

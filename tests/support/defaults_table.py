@@ -1,6 +1,6 @@
 """The table of ``gibench experiment defaults`` from parts measured at different times.
 
-    python tests/support/defaults_table.py TABLE [PART ...] [--times RUN]
+    python tests/support/defaults_table.py TABLE [PART ...] [--times RUN] --cache-dir DIR
 
 TABLE is the folder that it stands in and is written to; a PART is a folder of the experiment, whose
 rows replace those there. Remarks and verdicts are said anew by today's tests of geometry. RUN is a
@@ -17,10 +17,9 @@ from pathlib import Path
 import pandas as pd
 
 from gibench.measure.plan.grid import grid
-from gibench.measure.plan.view import choose_camera
 from gibench.profiles import load_profile
-from gibench.scene.load import load_scene
 from gibench.study.experiments import defaults
+from gibench.study.site import Site
 from gibench.techniques.job import Shot
 from gibench.techniques.registry import find_technique
 
@@ -29,17 +28,21 @@ KEYS = ["scene", "technique"]
 PLACES = {"sponza": "/work/shared/scenes/sponza_crytek/sponza.obj"}
 
 
-def remarked(scene: str, technique: str) -> list[str]:
-    """What ``technique`` says of the scene before a run, as the experiment asks it."""
+RECEIVERS = {"sponza": 16_000, "atrium": 8_000}
+
+
+def remarked(scene: str, technique: str, caches: Path) -> list[str]:
+    """What ``technique`` says of the scene before a run, as the experiment asks it; ``caches`` hold
+    the probes that it places.
+    """
     place = PLACES.get(scene, scene)
     (job,) = grid(
         [load_profile(defaults.EXPERIMENT.profiles[0])], [find_technique(technique)],
-        scenes=(place,), settings={technique: {}}, seed=0,
+        scenes=(place,), receivers=(RECEIVERS.get(scene, 4000),),
+        settings={technique: {}}, seed=0,
     )  # fmt: skip
     job = replace(job, shot=Shot(*defaults._IMAGE))
-    model = load_scene(place)
-    camera = choose_camera(model, job.shot.camera)
-    return find_technique(technique).remarks(job, model, camera)
+    return defaults.remarks_on(job, Site(caches).standing())
 
 
 def main() -> None:
@@ -48,6 +51,7 @@ def main() -> None:
     parser.add_argument("table", type=Path)
     parser.add_argument("parts", type=Path, nargs="*")
     parser.add_argument("--times", type=Path)
+    parser.add_argument("--cache-dir", type=Path, required=True)
     asked = parser.parse_args()
     tables = [pd.read_csv(one / "defaults.csv") for one in (asked.table, *asked.parts)]
     for part in tables[1:]:
@@ -60,7 +64,10 @@ def main() -> None:
     order = [*defaults._SCENES, "sponza"]
     table["at"] = table["scene"].map(order.index)
     table = table.sort_values(["at", "technique"]).drop(columns="at")
-    said = [remarked(*key) for key in zip(table["scene"], table["technique"], strict=True)]
+    said = [
+        remarked(*key, asked.cache_dir)
+        for key in zip(table["scene"], table["technique"], strict=True)
+    ]
     table["remarks"] = ["; ".join(told) for told in said]
     table["verdict"] = [
         defaults._verdict(float(bias), bool(told))

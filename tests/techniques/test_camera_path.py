@@ -8,8 +8,10 @@ import pytest
 from support.ddgi_oracle import create as ddgi
 from support.gibs_scenes import furnished, gibs
 from support.made import made
+from support.scaled import scaled
 from support.shading_oracle import open_device
 from support.synthetic_bake import random_lightmap
+from support.tiny_scenes import box, quad_scene
 
 from gibench.errors import BadInput
 from gibench.measure.compare.timings import _flight
@@ -19,6 +21,7 @@ from gibench.scene.model import Camera
 from gibench.techniques.camera_path import CameraPath, Flight, FlightOptions, built_in_flight
 from gibench.techniques.direct import SPEC as DIRECT
 from gibench.techniques.parts.camera_table import camera_table
+from gibench.techniques.parts.reach import light_in_reach
 
 TWO = "positions = [[0, 1, 0], [1, 1, 0.5]]\ntargets = [[1, 1, 0], [1.5, 1, 0]]"
 
@@ -84,6 +87,26 @@ def test_the_built_in_flight_stays_inside():
         assert np.all(np.array(camera.position) > low)
         assert np.all(np.array(camera.position) < high)
         assert np.linalg.norm(np.subtract(camera.target, camera.position)) > 0.1
+
+
+@pytest.mark.parametrize("factor", [1e-3, 2500.0])
+def test_the_path_around_sees_all_sides_from_outside(factor):
+    """Of a block, whatever its size; and is back where it began."""
+    block, _ = quad_scene(box((-1, 0, -1.1), (1, 2.4, 1.1), inward=False), 2, sky=(1.0, 1.0, 1.0))
+    block = scaled(block, factor)
+    start = Camera((0.0, 1.2 * factor, 8.0 * factor), (0.0, 1.2 * factor, 0.0), 50.0)
+    flight = FlightOptions("around", 10, 60).of(block, start)
+    low, high = block.bounds
+    seen = [flight.camera_in(frame, start) for frame in range(80)]
+    assert seen[9] == start == seen[70]
+    for camera in seen:
+        at = np.array(camera.position)
+        assert ((at < low) | (at > high)).any()
+        assert np.linalg.norm(at - (low + high) / 2) < 20 * factor
+    front, side, top = 2 * 2.4, 2.2 * 2.4, 2 * 2.2
+    # All but the bottom, which lies on the ground.
+    expected = (front + side + top / 2) / (front + side + top)
+    assert light_in_reach(block, seen, 1.5, hops=False) == pytest.approx(expected, abs=0.01)
 
 
 def seen_from(tracer, camera, points, normals):

@@ -111,15 +111,18 @@ class Session:
             *spec.flaws(job, scene, camera),
             *left_out(spec, job.settings, scene),
         ]
-        for remark in remarks:
-            _LOG.warning("%s on %s: %s", spec.name, scene.name, remark)
+        _tell(spec, scene, remarks)
         asked = receivers = job.receivers or scene.receivers
         footprint = Footprint(spec, Known(job, scene, receivers, motion=motion))
         if fit:
             receivers = footprint.most_receivers(asked) or asked
         footprint.check(receivers)
+        moving = motion.triangles if motion is not None and motion.moves else None
+        lightmap = shared.lightmap(job.scene, receivers)
+        of_bake = spec.bake_remarks(job, shared.context(job.settings, scene, lightmap, moving))
+        _tell(spec, scene, of_bake)
+        remarks += of_bake
         while True:
-            moving = motion.triangles if motion is not None and motion.moves else None
             lightmap, baked = shared.baked(spec, job.settings, job.scene, receivers, moving)
             if motion is not None and motion.held is not None:
                 lightmap = motion.lightmap_in(scene, lightmap, motion.held)
@@ -248,6 +251,11 @@ class Session:
     def close(self) -> None:
         """Wait until the device is idle; its buffers go with the session."""
         self.device.queue.finish()
+
+
+def _tell(spec: TechniqueSpec, scene: Scene, remarks: Sequence[str]) -> None:
+    for remark in remarks:
+        _LOG.warning("%s on %s: %s", spec.name, scene.name, remark)
 
 
 def check_job(job: Job, shared: Shared) -> Scene:

@@ -92,12 +92,22 @@ class Shared:
         with self._lock:
             lightmap = self.lightmap(name_or_path, receivers)
             scene = self.scene(name_or_path)
-            context = BakeContext(scene, lightmap, settings, self.cache_dir, self.seed, moving)
+            context = self.context(settings, scene, lightmap, moving)
             # The same as on the disk: settings that bake the same share it in memory, too.
             key = spec.bake_key(context)
             if key not in self._baked:
                 self._baked[key] = spec.bake(context, self.executor)
             return lightmap, self._baked[key]
+
+    def context(
+        self,
+        settings: Any,
+        scene: Scene,
+        lightmap: Lightmap,
+        moving: npt.NDArray[np.bool_] | None = None,
+    ) -> BakeContext:
+        """What a bake of ``scene`` on ``lightmap`` is made from."""
+        return BakeContext(scene, lightmap, settings, self.cache_dir, self.seed, moving)
 
     def bake_seconds(
         self,
@@ -108,6 +118,4 @@ class Shared:
         moving: npt.NDArray[np.bool_] | None = None,
     ) -> float:
         """Wall time, s, that baking for ``spec`` on ``lightmap`` has taken, whenever that was."""
-        return spec.bake_seconds(
-            BakeContext(scene, lightmap, settings, self.cache_dir, self.seed, moving)
-        )
+        return spec.bake_seconds(self.context(settings, scene, lightmap, moving))

@@ -9,6 +9,7 @@ import pandas as pd
 
 from gibench.errors import BadInput
 from gibench.measure.plan.view import choose_camera
+from gibench.measure.session.shared import Shared
 from gibench.study.experiments.common import Context, Experiment, Measuring, Point, markdown
 from gibench.study.experiments.kept import Found, Kept
 from gibench.study.experiments.side_by_side import trace_truth
@@ -69,10 +70,7 @@ def _enough(context: Context, scene: str, receivers: int) -> bool:
 def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
     job: Job = replace(unit.point.job, shot=context.shot(_IMAGE))
     options, site = replace(context.quality(), flip=False), context.site
-    scene = site.standing().scene(job.scene)
-    remarks = find_technique(job.technique).remarks(
-        job, scene, choose_camera(scene, job.shot.camera)
-    )
+    remarks = remarks_on(job, site.standing())
     group = group_of(job, options, site)
     longer = options.settle if context.quick else replace(options.settle, frames=_FRAMES)
     settled = settle(job, longer, site.standing(), site.cl_device, worker)
@@ -89,6 +87,16 @@ def _measure(context: Context, unit: Measuring, worker: Worker) -> Found:
             }
         ]
     )
+
+
+def remarks_on(job: Job, shared: Shared) -> list[str]:
+    """What the technique says before a run, of the scene and of the beginning of its bake."""
+    spec, scene = find_technique(job.technique), shared.scene(job.scene)
+    lightmap = shared.lightmap(job.scene, job.receivers or scene.receivers)
+    return [
+        *spec.remarks(job, scene, choose_camera(scene, job.shot.camera)),
+        *spec.bake_remarks(job, shared.context(job.settings, scene, lightmap)),
+    ]
 
 
 def _verdict(bias: float, remarked: bool) -> str:

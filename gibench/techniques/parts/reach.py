@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -19,8 +20,10 @@ _REFLECTED: Final = 0.5  # of light, by any surface: about what rooms have
 _BOUNCES: Final = 3
 
 
-def light_in_reach(scene: Scene, camera: Camera, aspect: float, hops: bool) -> float:
-    """Share of the indirect light that falls on what a camera shows, or with ``hops`` on what is
+def light_in_reach(
+    scene: Scene, cameras: Camera | Sequence[Camera], aspect: float, hops: bool
+) -> float:
+    """Share of the indirect light that falls on what cameras show, or with ``hops`` on what is
     found from there by rays from surface to surface in a few hundred frames; 1 where none falls.
 
     Indirect light is taken as that of the sky, of emitting surfaces and of what half of it and of
@@ -28,7 +31,7 @@ def light_in_reach(scene: Scene, camera: Camera, aspect: float, hops: bool) -> f
 
     Args:
         scene: the scene.
-        camera: the view.
+        cameras: the view, or several one after another.
         aspect: width over height of its image.
         hops: whether rays go on.
     """
@@ -36,7 +39,9 @@ def light_in_reach(scene: Scene, camera: Camera, aspect: float, hops: bool) -> f
     lift = surface_offset(scene)
     points, normals = points_on_surfaces(scene, rng, _POINTS)
     origins = points + lift * normals
-    reached = _shown(scene, camera, aspect, origins, normals)
+    views = [cameras] if isinstance(cameras, Camera) else cameras
+    shown = [_shown(scene, camera, aspect, origins, normals) for camera in views]
+    reached = np.logical_or.reduce(shown)
     factors = _view_factors(scene, origins, normals, _area(scene) / _POINTS)
     if hops:
         reached = _spread(reached, factors)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from gibench.bake.run import run_bake
 from gibench.bake.stage import Stage
 from gibench.device import SIMT, BufferSpec
 from gibench.errors import BadInput
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
-from gibench.techniques.job import Known
+from gibench.techniques.job import Job, Known
 from gibench.techniques.parts.frame_lightmap import FrameLightmap, border_texels
 from gibench.techniques.parts.frame_scene import FrameScene
+from gibench.techniques.parts.free_space import free_space
 from gibench.techniques.parts.gbuffer import HitBuffer
 from gibench.techniques.parts.gloss_table import GlossTable
 from gibench.techniques.parts.normal_map_table import NormalMapTable
@@ -32,7 +34,7 @@ from gibench.techniques.srp.movers import Movers
 from gibench.techniques.srp.pack import TunedSizes
 from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes
 from gibench.techniques.srp.published import Published
-from gibench.techniques.srp.remarks import remarks
+from gibench.techniques.srp.remarks import remarks, unseen_remarks
 from gibench.techniques.srp.resting import resting_lightmap, resting_scene
 from gibench.techniques.srp.settings import SrpSettings
 from gibench.techniques.srp.simt import Simt
@@ -63,6 +65,18 @@ def _stages(context: BakeContext) -> tuple[Stage, ...]:
         lightmap = resting_lightmap(lightmap, context.moving)
     given = Given(scene, lightmap, baked, context.seed)
     return srp_stages(given, settings.order)
+
+
+def _bake_remarks(job: Job, context: BakeContext) -> list[str]:
+    """What the probes see, once they are placed."""
+    settings: SrpSettings = job.settings
+    if settings.sky == "receivers" or free_space(context.scene).sky <= 0:
+        return []
+    stages = _stages(context)
+    (relight,) = (n for n, stage in enumerate(stages) if stage.name == "srp-relight")
+    probes = run_bake(stages[:relight], context.cache_dir)  # the last of those that place them
+    moves = context.moving is not None and bool(context.moving.any())
+    return unseen_remarks(context.scene, context.lightmap, probes, moves=moves)
 
 
 def _buffers(known: Known) -> list[BufferSpec]:
@@ -171,6 +185,7 @@ SPEC = TechniqueSpec(
     sweep=_sweep,
     knobs=_knobs,
     remarks=remarks,
+    bake_remarks=_bake_remarks,
     shades_normal_maps=_shades_normal_maps,
     normal_map_options="--set srp.receiver_order=1 --set srp.normal_maps=true",
     counts={"probes": "probes"},

@@ -161,6 +161,10 @@ def test_remarks_name_the_setting_that_ends_them():
         assert "emitting surfaces" in lamp and "point lights" in lamp
         assert ("relight_samples=" in lamp and "for the mean" in lamp) == (technique == "srp")
     assert told(maze, "srp") == told(maze, "direct") == []
+    # Which path shows more: through the inside, or around the outside.
+    for name, path in (("thin-house", "around"), ("vase", "flight")):
+        (unseen,) = told(build(name), "gibs")
+        assert f"--camera-path {path} leaves " in unseen
 
 
 def test_light_that_all_surfels_together_find_is_noise_and_no_remark():
