@@ -219,14 +219,12 @@ def not_told(scene: Scene, settled: Moments, area: Doubles) -> str:
         area: (n,) of the receivers, m2.
     """
     light, of_lamps = indirect_light(scene)
-    squares = float((light * light).sum())
-    share = float(of_lamps.sum() / light.sum()) if light.sum() > 0 else 0.0
-    change = (
-        (1 - DIMMED) * float(np.sqrt((of_lamps * of_lamps).sum() / squares)) if squares else 0.0
-    )
-    who = (
-        f"{_lamps(scene)} {'makes' if len(scene.lights) == 1 else 'make'} about {100 * share:.2g} %"
-    )
+    if not light.any():
+        return "by geometry nothing makes any indirect light"
+    share = float(of_lamps.sum() / light.sum())
+    change = (1 - DIMMED) * float(np.sqrt((of_lamps**2).sum() / (light**2).sum()))
+    makes = "makes" if len(scene.lights) == 1 else "make"
+    who = f"{_lamps(scene)} {makes} about {100 * share:.2g} %"
     if change < _SURELY * LEAST_CHANGE:
         return f"{who} of the indirect light, too little to see it follow"
     noise = float((area * settled.deviation**2).sum() / (area * settled.mean**2).sum())

@@ -289,8 +289,8 @@ def test_a_light_that_makes_too_little_is_not_called_never(tmp_path):
     told = {}
     for strength in (0.004, 6.0, 100.0):
         told[strength] = not_told(load_scene(yard(tmp_path, strength)), settled, np.ones(4))
-    assert re.fullmatch(r"1 point light makes about 0\.00\d+ % of the indirect light, too little .*",
-                        told[0.004])  # fmt: skip
+    weak = r"1 point light makes about 0\.00\d+ % of the indirect light, too little .*"
+    assert re.fullmatch(weak, told[0.004])
     assert told[6.0].endswith("less than its flicker hides")
     assert told[100.0] == ""
     reason = told[0.004]
