@@ -70,14 +70,10 @@ def advise(
     shard: options.Shard = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Folder for advice.csv, advice.md and the plot; by default "
+        options.out_folder(
+            "Folder for advice.csv, advice.md and the plot; by default "
             "results/advice/<UTC time>-<profile>. Settings that it holds already are not tried "
-            "again, whatever the budget.",
-            rich_help_panel=options.OUTPUT,
+            "again, whatever the budget."
         ),
     ] = None,
     scheduler: options.Scheduler = None,

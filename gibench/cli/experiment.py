@@ -82,12 +82,9 @@ def experiment(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Folder for its results; by default results/experiments/NAME. Points already "
-            "there are not measured again.",
+        options.out_folder(
+            "Folder for its results; by default results/experiments/NAME. Points already "
+            "there are not measured again."
         ),
     ] = None,
     scheduler: options.Scheduler = None,

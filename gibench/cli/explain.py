@@ -100,13 +100,9 @@ def explain(
     moving: motion.MotionChoice = "rest",
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Folder for explain.csv, explain.md and the plot; by default "
-            "results/explain/<UTC time>-<profile>.",
-            rich_help_panel=options.OUTPUT,
+        options.out_folder(
+            "Folder for explain.csv, explain.md and the plot; by default "
+            "results/explain/<UTC time>-<profile>."
         ),
     ] = None,
     seed: options.Seed = 0,

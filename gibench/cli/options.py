@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,6 +13,17 @@ from gibench.cli.notices import errors_only
 GRID, OUTPUT = "What to run (repeat an option to make a grid)", "How and where"
 TRUTH = "The truth to compare with"
 CLUSTER = "On a cluster (docs/cluster.md)"
+
+
+def out_folder(text: str) -> Any:
+    """The option of the folder that a command leaves.
+
+    Args:
+        text: its help.
+    """
+    return typer.Option("--out", "-o", metavar="DIR", help=text, rich_help_panel=OUTPUT)
+
+
 _SCENE_HELP = "Built-in scene, mesh (.gltf, .glb, .obj) or scene file (.toml)."
 
 Profiles = Annotated[

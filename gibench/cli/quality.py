@@ -87,13 +87,9 @@ def quality(
     moving: motion.MotionChoice = "rest",
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Folder for receivers.npz, quality.csv, quality.md and images; by default "
-            "results/quality/<UTC time>-<profile>.",
-            rich_help_panel=options.OUTPUT,
+        options.out_folder(
+            "Folder for receivers.npz, quality.csv, quality.md and images; by default "
+            "results/quality/<UTC time>-<profile>."
         ),
     ] = None,
     scheduler: options.Scheduler = None,

@@ -123,13 +123,7 @@ def run(
     shard: options.Shard = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="The run's folder; by default results/runs/<UTC time>-<profile>.",
-            rich_help_panel=options.OUTPUT,
-        ),
+        options.out_folder("The run's folder; by default results/runs/<UTC time>-<profile>."),
     ] = None,
     scheduler: options.Scheduler = None,
     scheduler_file: options.SchedulerFile = None,

@@ -33,13 +33,9 @@ def validate_projection(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Folder for validation.csv, rows.csv and best.csv, or orders.csv and passes.csv; "
-            "nothing is written by default.",
-            rich_help_panel=options.OUTPUT,
+        options.out_folder(
+            "Folder for validation.csv, rows.csv and best.csv, or orders.csv and passes.csv; "
+            "nothing is written by default."
         ),
     ] = None,
     here: Annotated[

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.rays.bvh import build_bvh
 from gibench.rays.device_bvh import DeviceBvh, DeviceTracer
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off
 from gibench.techniques.parts.conformance.synthetic import random_scene, random_unit
 
-Array = npt.NDArray[Any]
 RAYS = 400
 
 

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.device import ProgramSpec, updates
 from gibench.techniques.parts.conformance.case import Bench, Case, off, run
 from gibench.techniques.parts.macros import SCENE_MACROS
 from gibench.techniques.parts.material_table import MATERIAL_FLOATS
 from gibench.techniques.parts.recolouring import Recolouring, Shares
 from gibench.techniques.surfel_cache.shared_exponent import SHARED_MACROS, decode
-
-Array = npt.NDArray[Any]
 
 RECEIVERS = "parts/recolour_receivers"
 CAPTURED = "parts/recolour_captured"

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.device import Device
 from gibench.errors import CannotRun
 from gibench.rays.embree import EmbreeTracer
@@ -17,7 +18,7 @@ from gibench.reference.wavefront import Wavefront
 from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments
 from gibench.scene.model import Camera, Material, Scene
-from gibench.techniques.parts.conformance.case import Array, Bench, Case, off
+from gibench.techniques.parts.conformance.case import Bench, Case, off
 
 SAMPLES, BOUNCES = 1024, 2
 # Means over 12 or 35 owners; two parts in a hundred are five of their standard errors and more.

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.rays.bvh import Bvh
 from gibench.rays.bvh_wide import WIDTH
 from gibench.scene.motion.moving_objects import MovingObjects
@@ -19,7 +18,6 @@ from gibench.techniques.parts.conformance.case import Bench, Case, off, run
 from gibench.techniques.parts.conformance.synthetic import random_scene
 from gibench.techniques.parts.frame_scene import FrameScene
 
-Array = npt.NDArray[Any]
 ROUNDING = float(np.finfo(np.float32).eps) / 2
 
 

@@ -196,27 +196,7 @@ def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[B
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         return None, [BadInput(f"not valid TOML ({error})", where=where)]
-    faults = []
-    if table.get("schema_version") != SCHEMA_VERSION:
-        faults.append(
-            BadInput(
-                f"schema_version is {table.get('schema_version')!r}",
-                where=where,
-                mend=f"this gibench reads schema_version = {SCHEMA_VERSION}",
-            )
-        )
-    for key in ("name", "title"):
-        if not isinstance(table.get(key), str) or not table[key].strip():
-            faults.append(BadInput(f"'{key}' is missing", where=where, mend=f'add {key} = "..."'))
-    known = {"schema_version", "name", "title", "machine", *_FIGURE_NAMES}
-    faults += [
-        BadInput(
-            f"unknown figure '{name}'",
-            where=where,
-            mend=f"the figures are {', '.join(_FIGURE_NAMES)}",
-        )
-        for name in sorted(set(table) - known)
-    ]
+    faults = _faults_of_names(table, where)
     figures: dict[str, Figure] = {}
     for name in _FIGURE_NAMES:
         try:
@@ -242,6 +222,39 @@ def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[B
         machine_hash=hashlib.sha256(text.encode()).hexdigest(),
         **values,  # type: ignore[arg-type]
     )
+    faults = _faults_of_limits(profile, where)
+    return (None, faults) if faults else (profile, [])
+
+
+def _faults_of_names(table: Mapping[str, Any], where: str) -> list[BadInput]:
+    """What is wrong with a profile's version, its names, and the names of its figures."""
+    faults = []
+    if table.get("schema_version") != SCHEMA_VERSION:
+        faults.append(
+            BadInput(
+                f"schema_version is {table.get('schema_version')!r}",
+                where=where,
+                mend=f"this gibench reads schema_version = {SCHEMA_VERSION}",
+            )
+        )
+    for key in ("name", "title"):
+        if not isinstance(table.get(key), str) or not table[key].strip():
+            faults.append(BadInput(f"'{key}' is missing", where=where, mend=f'add {key} = "..."'))
+    known = {"schema_version", "name", "title", "machine", *_FIGURE_NAMES}
+    faults += [
+        BadInput(
+            f"unknown figure '{name}'",
+            where=where,
+            mend=f"the figures are {', '.join(_FIGURE_NAMES)}",
+        )
+        for name in sorted(set(table) - known)
+    ]
+    return faults
+
+
+def _faults_of_limits(profile: DeviceProfile, where: str) -> list[BadInput]:
+    """Limits of a profile that contradict each other."""
+    faults = []
     if profile.max_buffer_bytes > profile.memory_budget_bytes:
         faults.append(
             BadInput(
@@ -251,7 +264,7 @@ def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[B
             )
         )
     # A group may have what several units share, but no more than the machine has.
-    local = profile.local_memory_bytes
+    local, machine = profile.local_memory_bytes, profile.machine
     if machine is not None and (machine.local_bytes.high + 1) * machine.units.high < local:
         faults.append(
             BadInput(
@@ -263,7 +276,7 @@ def read_profile(text: str, *, where: str) -> tuple[DeviceProfile | None, list[B
         )
     if problem := profile.workgroup_size_problem(profile.default_workgroup_size):
         faults.append(BadInput(f"default_workgroup_size: {problem}", where=where))
-    return (None, faults) if faults else (profile, [])
+    return faults
 
 
 def _figure(table: Mapping[str, Any], name: str, where: str) -> Figure:

@@ -25,7 +25,7 @@ from gibench.rays.bvh import BLOCK_FLOATS, BVH_MACROS, Bvh
 from gibench.rays.bvh_wide import WIDTH
 from gibench.rays.embree import rays_of
 from gibench.rays.tracer import Hits
-from gibench.scene.cutouts import Words
+from gibench.scene.image_rows import Words
 
 _CHUNK_RAYS = 262144
 # Rays of a packet: a vector of the device, at least this many (kernels_cl/common/bvh_packet.cl).

@@ -11,17 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from gibench.arrays import Doubles
+from gibench.arrays import Array, Bools, Doubles
 from gibench.errors import BadInput, CannotRun
 from gibench.reference.luminance import LUMINANCE, luminance
-
-Array = npt.NDArray[Any]
-Mask = npt.NDArray[np.bool_]
 
 # Standard errors that a value must lie above nothing to be called a difference (95 %, two-sided).
 _SIGMAS = 1.96
@@ -161,7 +156,7 @@ def lab_l_mse(
 
 
 def flip(
-    result: Array, reference: Array, stderr: Array, mask: Mask | None = None, *, seed: int = 1
+    result: Array, reference: Array, stderr: Array, mask: Bools | None = None, *, seed: int = 1
 ) -> Measure:
     """Mean HDR-FLIP of an image (Andersson et al. 2021, "Visualizing Errors in Rendered HDR
     Images"), at 67 pixels per degree, by its authors' package.
@@ -189,7 +184,7 @@ def flip(
     )
 
 
-def flip_map(result: Array, reference: Array, mask: Mask) -> Doubles:
+def flip_map(result: Array, reference: Array, mask: Bools) -> Doubles:
     """HDR-FLIP of every pixel (height, width), 0 to 1.
 
     The range of exposures is that of the reference in ``mask`` (height, width). The package would
@@ -236,7 +231,7 @@ def ssim(
     result: Array,
     reference: Array,
     stderr: Array,
-    mask: Mask | None = None,
+    mask: Bools | None = None,
     *,
     exposure: float | None = None,
     seed: int = 1,
@@ -317,7 +312,7 @@ def _noisy(reference: Doubles, stderr: Doubles, seed: int) -> Doubles:
     return np.maximum(reference + stderr * draw, 0.0)
 
 
-def _all(mask: Mask | None, image: Doubles) -> Mask:
+def _all(mask: Bools | None, image: Doubles) -> Bools:
     if mask is None:
         return np.ones(image.shape[:2], np.bool_)
     if mask.shape != image.shape[:2] or not mask.any():

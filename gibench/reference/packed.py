@@ -17,7 +17,7 @@ from gibench.reference.lights import (
     emitter_table,
     environment_table,
 )
-from gibench.scene.cutouts import Words
+from gibench.scene.image_rows import Words
 from gibench.scene.lightmap import Fragments
 from gibench.scene.model import Scene
 

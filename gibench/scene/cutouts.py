@@ -7,21 +7,15 @@ top floor((1 - frac(v)) height), each at most the last one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Floats, Ints
-
-Bools = npt.NDArray[np.bool_]
-Words = npt.NDArray[np.uint32]
-
-ROW_WORDS = 9
-"""Of a packed row: six coordinates, first word, width and height of its image."""
+from gibench.arrays import Bools, Floats, Ints
+from gibench.scene.image_rows import ImagedTriangles, Words
 
 # How far a looked up texel may be off by rounding: of a texel, and of a coordinate.
 _TEXEL_SLACK = 1e-3
@@ -30,26 +24,13 @@ _LARGEST_UV = 2.0**24
 
 
 @dataclass(frozen=True)
-class Cutouts:
+class Cutouts(ImagedTriangles[Bools]):
     """The triangles of a scene with something cut away.
 
     Attributes:
         images: (height, width) bool each, True where there is surface; row 0 is v = 1.
-        triangle: (k,) int32 scene triangles, ascending.
-        image: (k,) int32 of each, index into ``images``.
-        uvs: (k, 3, 2) float32 coordinates of their corners in the image, v upwards.
+        triangle, image, uvs: as of all :class:`ImagedTriangles`.
     """
-
-    images: tuple[Bools, ...] = field(repr=False)
-    triangle: Ints = field(repr=False)
-    image: Ints = field(repr=False)
-    uvs: Floats = field(repr=False)
-
-    def rows(self, triangles: int) -> Ints:
-        """Where each of a scene's ``triangles`` stands here, (t,) int32; -1 for a whole one."""
-        rows = np.full(triangles, -1, np.int32)
-        rows[self.triangle] = np.arange(len(self.triangle), dtype=np.int32)
-        return rows
 
     def there(self, rows: npt.NDArray[Any], u: Floats, v: Floats) -> Bools:
         """Whether there is surface at barycentric weights ``u`` and ``v`` of corners 1 and 2.
@@ -77,32 +58,18 @@ class Cutouts:
         first = np.concatenate(([0], np.cumsum(heights * widths)))[:-1]
         return first, widths, heights, np.concatenate([image.reshape(-1) for image in self.images])
 
-    def arrays(self) -> Iterator[npt.NDArray[Any]]:
-        """All that it consists of, for hashes."""
-        yield from (self.triangle, self.image, self.uvs, *self.images)
-
     def packed(self, triangles: int) -> Words:
         """What ``cut_away`` of kernels_cl/common/cutout.cl reads, uint32: for each of ``triangles``
         where its row begins, 0 for a whole one; the rows of ROW_WORDS; the images, a bit a texel.
         """
         bits = [np.packbits(image.reshape(-1), bitorder="little") for image in self.images]
         words = [np.pad(one, (0, -len(one) % 4)).view("<u4") for one in bits]
-        count = len(self.triangle)
-        first = triangles + ROW_WORDS * count
-        starts = first + np.concatenate(([0], np.cumsum([len(one) for one in words])))[:-1]
-        shapes = np.array([image.shape for image in self.images], np.uint32).reshape(-1, 2)
-        table = np.zeros(triangles, np.uint32)
-        table[self.triangle] = triangles + ROW_WORDS * np.arange(count)
-        rows = np.empty((count, ROW_WORDS), np.uint32)
-        rows[:, :6] = np.ascontiguousarray(self.uvs, np.float32).reshape(-1, 6).view(np.uint32)
-        rows[:, 6] = starts[self.image]
-        rows[:, 7:] = shapes[self.image][:, ::-1]
-        return np.concatenate([table, rows.reshape(-1), *words]).astype(np.uint32)
+        return self.packed_rows(triangles, words)
 
-    def packed_bytes(self, triangles: int) -> int:
-        """Bytes of :meth:`packed`."""
+    def packed_words(self, triangles: int) -> int:
+        """Words of :meth:`packed`."""
         images = sum(-(-image.size // 32) for image in self.images)
-        return 4 * (triangles + ROW_WORDS * len(self.triangle) + images)
+        return triangles + self.row_words * len(self.triangle) + images
 
 
 def surface_texels(image: Bools, uvs: npt.NDArray[Any]) -> tuple[Ints, Ints]:

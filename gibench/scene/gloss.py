@@ -7,15 +7,14 @@ reads them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles, Floats, Ints
-from gibench.scene.image_rows import ROW_WORDS, Words, arrays_hash, packed_rows
+from gibench.scene.image_rows import ImagedTriangles, Words
 
 DIELECTRIC_F0 = 0.04
 """What no metal reflects of light that falls on it straight (glTF 2.0, appendix B)."""
@@ -25,41 +24,19 @@ _STEPS = 65535
 
 
 @dataclass(frozen=True)
-class GlossMaps:
+class GlossMaps(ImagedTriangles[Floats]):
     """The triangles of a scene that have an image of roughness and metalness.
 
     Attributes:
         images: (height, width, 2) float32 roughness and metalness each, 0 to 1; row 0 is v = 1.
-        triangle: (k,) int32 scene triangles, ascending.
-        image: (k,) int32 of each, index into ``images``.
-        uvs: (k, 3, 2) float32 coordinates of their corners in the image, v upwards.
+        triangle, image, uvs: as of all :class:`ImagedTriangles`.
     """
-
-    images: tuple[Floats, ...] = field(repr=False)
-    triangle: Ints = field(repr=False)
-    image: Ints = field(repr=False)
-    uvs: Floats = field(repr=False)
-
-    def arrays(self) -> Iterator[npt.NDArray[Any]]:
-        """All that it consists of, for hashes."""
-        yield from (self.triangle, self.image, self.uvs, *self.images)
-
-    def content_hash(self) -> str:
-        """SHA-256 of all of it."""
-        return arrays_hash(self.arrays())
 
     def packed(self, triangles: int) -> Words:
         """What kernels_cl/common/gloss.cl reads, uint32: for each of ``triangles`` where its row
         begins, 0 for one without; the rows of ROW_WORDS; the images, a word a texel.
         """
-        coded = [packed_gloss(pixels) for pixels in self.images]
-        shapes = [pixels.shape for pixels in self.images]
-        return packed_rows(triangles, self.triangle, self.image, self.uvs, shapes, coded)
-
-    def packed_words(self, triangles: int) -> int:
-        """Words of :meth:`packed`."""
-        texels = sum(pixels.shape[0] * pixels.shape[1] for pixels in self.images)
-        return int(triangles + ROW_WORDS * len(self.triangle) + texels)
+        return self.packed_rows(triangles, [packed_gloss(pixels) for pixels in self.images])
 
 
 def packed_gloss(pixels: Floats) -> Words:

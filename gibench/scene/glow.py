@@ -7,19 +7,13 @@ A point emits what the image has there, bilinear and repeating, as an albedo's i
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from gibench.arrays import Doubles, Floats, Ints
-
-Words = npt.NDArray[np.uint32]
-
-ROW_WORDS = 10
-"""Of a packed row: six coordinates, first word, width, height and scale of its image."""
+from gibench.arrays import Doubles, Floats
+from gibench.scene.image_rows import ROW_WORDS, ImagedTriangles, Words
 
 # EXT_texture_shared_exponent (Khronos): 9 bits a channel, 5 of exponent, which is off by 15.
 _MANTISSA_BITS = 9
@@ -28,55 +22,24 @@ _LARGEST_EXPONENT = 31
 
 
 @dataclass(frozen=True)
-class Glow:
+class Glow(ImagedTriangles[Floats]):
     """The triangles of a scene that glow by an image.
 
     Attributes:
         images: (height, width, 3) float32 emitted radiance each, W/m2/sr; row 0 is v = 1.
-        triangle: (k,) int32 scene triangles, ascending.
-        image: (k,) int32 of each, index into ``images``.
-        uvs: (k, 3, 2) float32 coordinates of their corners in the image, v upwards.
+        triangle, image, uvs: as of all :class:`ImagedTriangles`.
     """
 
-    images: tuple[Floats, ...] = field(repr=False)
-    triangle: Ints = field(repr=False)
-    image: Ints = field(repr=False)
-    uvs: Floats = field(repr=False)
-
-    def rows(self, triangles: int) -> Ints:
-        """Where each of a scene's ``triangles`` stands here, (t,) int32; -1 for one without."""
-        rows = np.full(triangles, -1, np.int32)
-        rows[self.triangle] = np.arange(len(self.triangle), dtype=np.int32)
-        return rows
-
-    def arrays(self) -> Iterator[npt.NDArray[Any]]:
-        """All that it consists of, for hashes."""
-        yield from (self.triangle, self.image, self.uvs, *self.images)
+    row_words: ClassVar[int] = ROW_WORDS + 1
 
     def packed(self, triangles: int) -> Words:
         """What kernels_cl/common/glow.cl reads, uint32: for each of ``triangles`` where its row
-        begins, 0 for one without; the rows of ROW_WORDS; the images, a word a texel.
+        begins, 0 for one without; the rows, whose last word is the image's scale; the images,
+        a word a texel.
         """
-        count = len(self.triangle)
         coded = [shared_exponents(pixels) for pixels in self.images]
-        first = triangles + ROW_WORDS * count
-        starts = first + np.concatenate(([0], np.cumsum([len(words) for words, _ in coded])))[:-1]
-        shapes = np.array([pixels.shape[:2] for pixels in self.images], np.uint32).reshape(-1, 2)
-        scales = np.array([scale for _, scale in coded], np.float32)
-        table = np.zeros(triangles, np.uint32)
-        table[self.triangle] = triangles + ROW_WORDS * np.arange(count)
-        rows = np.empty((count, ROW_WORDS), np.uint32)
-        rows[:, :6] = np.ascontiguousarray(self.uvs, np.float32).reshape(-1, 6).view(np.uint32)
-        rows[:, 6] = starts[self.image]
-        rows[:, 7:9] = shapes[self.image][:, ::-1]
-        rows[:, 9] = scales.view(np.uint32)[self.image]
-        parts = [table, rows.reshape(-1), *(words for words, _ in coded)]
-        return np.concatenate(parts).astype(np.uint32)
-
-    def packed_words(self, triangles: int) -> int:
-        """Words of :meth:`packed`."""
-        texels = sum(pixels.shape[0] * pixels.shape[1] for pixels in self.images)
-        return int(triangles + ROW_WORDS * len(self.triangle) + texels)
+        scales = np.array([scale for _, scale in coded], np.float32).view(np.uint32)
+        return self.packed_rows(triangles, [words for words, _ in coded], scales[self.image, None])
 
 
 def in_first_period(uvs: Doubles) -> Floats:

@@ -10,64 +10,47 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles, Floats, Ints
-from gibench.scene.image_rows import Words, arrays_hash, packed_rows
-
-ROW_WORDS = 22
-"""Of a packed row: six coordinates; first word, width and height of its image; the map's scale; the
-tangents of the corners with their signs."""
+from gibench.arrays import Doubles, Floats
+from gibench.scene.image_rows import ROW_WORDS, ImagedTriangles, Words
 
 _STEPS = 32767
 
 
 @dataclass(frozen=True)
-class NormalMaps:
+class NormalMaps(ImagedTriangles[Floats]):
     """The triangles of a scene that have a normal map.
 
     Attributes:
         images: (height, width, 3) float32 unit vectors each, z not below 0; row 0 is v = 1.
-        triangle: (k,) int32 scene triangles, ascending.
-        image: (k,) int32 of each, index into ``images``.
+        triangle, image, uvs: as of all :class:`ImagedTriangles`.
         scale: (k,) float32 that x and y are multiplied with.
-        uvs: (k, 3, 2) float32 coordinates of their corners in the image, v upwards.
         tangents: (k, 3, 4) float32 unit tangents of their corners, and the bitangent's sign.
     """
 
-    images: tuple[Floats, ...] = field(repr=False)
-    triangle: Ints = field(repr=False)
-    image: Ints = field(repr=False)
+    row_words: ClassVar[int] = ROW_WORDS + 13
+
     scale: Floats = field(repr=False)
-    uvs: Floats = field(repr=False)
     tangents: Floats = field(repr=False)
 
     def arrays(self) -> Iterator[npt.NDArray[Any]]:
         """All that it consists of, for hashes."""
         yield from (self.triangle, self.image, self.scale, self.uvs, self.tangents, *self.images)
 
-    def content_hash(self) -> str:
-        """SHA-256 of all of it."""
-        return arrays_hash(self.arrays())
-
     def packed(self, triangles: int) -> Words:
         """What kernels_cl/common/normal_map.cl reads, uint32: for each of ``triangles`` where its
-        row begins, 0 for one without; the rows of ROW_WORDS; the images, a word a texel.
+        row begins, 0 for one without; the rows, which end with the map's scale and the tangents of
+        the corners with their signs; the images, a word a texel.
         """
         coded = [packed_normals(pixels) for pixels in self.images]
-        shapes = [pixels.shape for pixels in self.images]
         scale = np.ascontiguousarray(self.scale, np.float32).reshape(-1, 1)
         tangents = np.ascontiguousarray(self.tangents, np.float32).reshape(-1, 12)
         more = np.concatenate([scale, tangents], axis=1).view(np.uint32)
-        return packed_rows(triangles, self.triangle, self.image, self.uvs, shapes, coded, more)
-
-    def packed_words(self, triangles: int) -> int:
-        """Words of :meth:`packed`."""
-        texels = sum(pixels.shape[0] * pixels.shape[1] for pixels in self.images)
-        return int(triangles + ROW_WORDS * len(self.triangle) + texels)
+        return self.packed_rows(triangles, coded, more)
 
 
 def packed_normals(pixels: Floats) -> Words:

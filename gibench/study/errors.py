@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles
+from gibench.arrays import Bools, Doubles
 from gibench.errors import CannotRun
 from gibench.reference import metrics
 from gibench.reference.metrics import Measure
 from gibench.study.regions import WHOLE
-from gibench.study.through_camera import Mask, View
+from gibench.study.through_camera import View
 
 METRICS = ("bias", "rel_l2", "rel_mse", "lab_l_mse", "flip", "ssim")
 _UNKNOWN = Measure(float("nan"), float("nan"))
@@ -70,7 +70,7 @@ class Truth:
 
 
 def errors(
-    truth: Truth, result: Doubles, regions: Mapping[str, Mask], *, with_flip: bool = True
+    truth: Truth, result: Doubles, regions: Mapping[str, Bools], *, with_flip: bool = True
 ) -> dict[str, dict[str, Any]]:
     """The metrics by region, :data:`~gibench.study.regions.WHOLE` first.
 
@@ -97,7 +97,7 @@ def errors(
     return found
 
 
-def errors_among(truth: Truth, result: Doubles, chosen: Mask) -> dict[str, Measure]:
+def errors_among(truth: Truth, result: Doubles, chosen: Bools) -> dict[str, Measure]:
     """Bias and relative errors over the ``chosen`` receivers (n,) alone, weighted by area."""
     if not chosen.any():
         return dict.fromkeys(("bias", "rel_l2", "rel_mse"), _UNKNOWN)
@@ -114,7 +114,7 @@ def _relative(x: Doubles, y: Doubles, s: Doubles, weights: Any = None) -> dict[s
 
 
 def _of_image(
-    truth: Truth, image: Doubles, mask: Mask, maps: tuple[Doubles, Doubles] | None
+    truth: Truth, image: Doubles, mask: Bools, maps: tuple[Doubles, Doubles] | None
 ) -> dict[str, Measure]:
     if not mask.any():
         return dict.fromkeys(METRICS, _UNKNOWN)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibench.arrays import Doubles
+from gibench.arrays import Bools, Doubles
 from gibench.progress import progress
 from gibench.rays.embree import scene_tracer
 from gibench.rays.offset import surface_offset
 from gibench.scene.lightmap import Fragments, Lightmap
 from gibench.scene.model import Scene
-from gibench.study.through_camera import Mask
 from gibench.techniques.srp.bake.sampling import surface_points
 
 RAYS = 64
@@ -19,7 +18,7 @@ RAYS = 64
 _CHUNK = 16_384  # receivers at once: a million rays
 
 
-def open_receivers(scene: Scene, lightmap: Lightmap, seed: int = 0) -> Mask:
+def open_receivers(scene: Scene, lightmap: Lightmap, seed: int = 0) -> Bools:
     """Which receivers (n,) see the front of surfaces, or the sky, alone.
 
     The others lie in part inside of walls, or look at the back of something that has none. There

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.arrays import Doubles
+from gibench.arrays import Bools, Doubles
 from gibench.device import SIMT
 from gibench.errors import CannotRun, GibenchError
 from gibench.measure.machine.environment import without_paths
@@ -23,7 +23,7 @@ from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.study.errors import METRICS, Truth, errors, errors_among
 from gibench.study.flat import FlatChart, flat_charts, flat_errors
-from gibench.study.regions import WHOLE, Mask
+from gibench.study.regions import WHOLE
 from gibench.study.settle import Settled, SettleOptions
 from gibench.techniques.job import Job
 from gibench.techniques.registry import declared_counts
@@ -99,8 +99,8 @@ class Group:
     scene: Scene
     lightmap: Lightmap = field(repr=False)
     truth: Truth = field(repr=False)
-    regions: dict[str, Mask] = field(repr=False)
-    open: Mask = field(repr=False)
+    regions: dict[str, Bools] = field(repr=False)
+    open: Bools = field(repr=False)
     about: dict[str, Any]
     results: dict[str, Doubles] = field(default_factory=dict, repr=False)
     reference_key: str = ""

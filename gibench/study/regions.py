@@ -7,18 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Bools
 from gibench.errors import BadInput
 from gibench.scene.model import Camera, Scene
 
-Mask = npt.NDArray[np.bool_]
 WHOLE = "whole"
 
 
 def read_regions(
     scene: Scene, camera: Camera, given: Sequence[str], width: int, height: int
-) -> dict[str, Mask]:
+) -> dict[str, Bools]:
     """The masks (h, w) by name: the scene's for this camera, then those ``given``.
 
     Args:
@@ -32,7 +31,7 @@ def read_regions(
     Raises:
         BadInput: one cannot be read, leaves the image or holds no pixel.
     """
-    found: dict[str, Mask] = {}
+    found: dict[str, Bools] = {}
     for region in scene.regions:
         if region.camera in ("", camera.name):
             found[region.name] = _box(region.box, f"region {region.name}", width, height)
@@ -42,7 +41,7 @@ def read_regions(
     return found
 
 
-def _given(text: str, width: int, height: int) -> tuple[str, Mask]:
+def _given(text: str, width: int, height: int) -> tuple[str, Bools]:
     name, _, value = text.partition("=")
     name, value = name.strip(), value.strip()
     option = f"--region {text}"
@@ -63,7 +62,7 @@ def _given(text: str, width: int, height: int) -> tuple[str, Mask]:
     return name, _mask_file(Path(value), option, width, height)
 
 
-def _box(box: tuple[float, float, float, float], where: str, width: int, height: int) -> Mask:
+def _box(box: tuple[float, float, float, float], where: str, width: int, height: int) -> Bools:
     left, top, right, bottom = box
     if not all(math.isfinite(x) for x in box) or min(box) < 0 or max(box) > 1:
         raise BadInput(
@@ -84,7 +83,7 @@ def _box(box: tuple[float, float, float, float], where: str, width: int, height:
     return mask
 
 
-def _mask_file(path: Path, where: str, width: int, height: int) -> Mask:
+def _mask_file(path: Path, where: str, width: int, height: int) -> Bools:
     from PIL import Image, UnidentifiedImageError
 
     try:

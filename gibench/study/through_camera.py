@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles
+from gibench.arrays import Bools, Doubles
 from gibench.rays.embree import scene_tracer
 from gibench.reference.camera import image_plane
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, Scene
 
 Ints64 = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class View:
         weights: (k, 4) their shares, adding up to 1.
     """
 
-    seen: Mask = field(repr=False)
+    seen: Bools = field(repr=False)
     receivers: Ints64 = field(repr=False)
     weights: Doubles = field(repr=False)
 

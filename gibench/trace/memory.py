@@ -12,7 +12,6 @@ import numpy.typing as npt
 from gibench.arrays import Longs
 
 _NO_ACCESS = 0
-_READ_WRITE = 3
 
 
 class Arena:

@@ -76,7 +76,7 @@ def tilted_floor(sign, turn, uv_turned):
     uvs = scene.corners[:, :, [0, 2]] * (-1 if uv_turned else 1)
     maps = NormalMaps(
         (np.broadcast_to(tilt, (4, 4, 3)).astype(np.float32),), np.arange(2, dtype=np.int32),
-        np.zeros(2, np.int32), np.ones(2, np.float32), uvs.astype(np.float32),
+        np.zeros(2, np.int32), uvs.astype(np.float32), np.ones(2, np.float32),
         np.broadcast_to([*tangent, sign], (2, 3, 4)).astype(np.float32),
     )  # fmt: skip
     normal = np.sin(np.pi / 6) * tangent + np.cos(np.pi / 6) * np.array((0, 1, 0))

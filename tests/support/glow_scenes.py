@@ -46,9 +46,9 @@ def bumpy(scene, rng, share=0.7, images=((3, 5), (16, 9)), steep=1.0):
         tuple(unit_normals(v) for v in vectors),
         triangle,
         rng.integers(0, len(images), count).astype(np.int32),
-        (steep * rng.uniform(0.2, 1.5, count)).astype(np.float32),
-        rng.uniform(-2, 2, (count, 3, 2)).astype(np.float32),
-        np.concatenate((tangent, sign), axis=2).astype(np.float32),
+        scale=(steep * rng.uniform(0.2, 1.5, count)).astype(np.float32),
+        uvs=rng.uniform(-2, 2, (count, 3, 2)).astype(np.float32),
+        tangents=np.concatenate((tangent, sign), axis=2).astype(np.float32),
     )
     return replace(scene, normal_maps=maps)
 

@@ -12,10 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles
+from gibench.arrays import Bools, Doubles
 from gibench.reference.luminance import LUMINANCE, luminance
-
-Mask = npt.NDArray[np.bool_]
 
 DARK = 0.05
 """Of the truth's mean: what has less light is dark."""
@@ -72,7 +70,7 @@ fault.
 """
 
 
-def dark(truth: Doubles, stderr: Doubles, area: npt.NDArray[np.floating], among: Mask) -> Mask:
+def dark(truth: Doubles, stderr: Doubles, area: npt.NDArray[np.floating], among: Bools) -> Bools:
     """Which receivers (n,) of those ``among`` are dark for certain, whatever the truth's noise.
 
     Args:
@@ -90,7 +88,7 @@ def dark(truth: Doubles, stderr: Doubles, area: npt.NDArray[np.floating], among:
 
 
 def leak(
-    result: Doubles, truth: Doubles, stderr: Doubles, area: npt.NDArray[np.floating], among: Mask
+    result: Doubles, truth: Doubles, stderr: Doubles, area: npt.NDArray[np.floating], among: Bools
 ) -> float:
     """Light where the truth is dark: the mean over the dark receivers, by area, of what exceeds the
     truth and its noise, over the mean of the truth. nan where no region is dark.
@@ -112,7 +110,7 @@ def leak(
     return float((area[where] * excess).sum() / area[where].sum()) / mean
 
 
-def missing(result: Doubles, covered: Mask, truth: Doubles, stderr: Doubles) -> float:
+def missing(result: Doubles, covered: Bools, truth: Doubles, stderr: Doubles) -> float:
     """Share of the receivers that a technique says nothing of: those it does not cover, and those
     it leaves all black where the truth is lit for certain.
 

@@ -19,10 +19,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from gibench.arrays import unique_rows
+from gibench.arrays import Array, unique_rows
 from gibench.scene.model import Camera, DirectionalLight, Light, Material
 from gibench.scene.readers.clean import CleanMesh
-from gibench.scene.readers.content import Array, counted
+from gibench.scene.readers.content import counted
 
 # Shares of the largest coordinate, whose float32 neighbours are 2^-24 to 2^-23 of it away. Faces
 # are in one plane when closer than a few of those; they are moved by sixteen times as much, which

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles, Floats, Ints, unique_rows
+from gibench.arrays import Array, Doubles, Floats, Ints, unique_rows
 from gibench.errors import BadInput
-from gibench.scene.readers.content import Array, Content, Part, counted, of_corners
+from gibench.scene.readers.content import Content, Part, counted, of_corners
 from gibench.scene.readers.tangents import tangents
 
 # A triangle is degenerate when its height over its longest edge is below this share of the edge:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Floats, Vec3
+from gibench.arrays import Array, Floats, Vec3
 from gibench.errors import BadInput
 from gibench.scene.model import (
     Camera,
@@ -24,8 +24,6 @@ from gibench.scene.model import (
     SpotLight,
     Texture,
 )
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array, Bools
 from gibench.scene.cutouts import surface_texels
 from gibench.scene.model import Material
-from gibench.scene.readers.content import Array, Content, Part, counted, of_corners
-
-Bools = npt.NDArray[np.bool_]
+from gibench.scene.readers.content import Content, Part, counted, of_corners
 
 # Different alphas of a part's vertices that are told apart: each takes a mask of its own.
 _MOST_ALPHAS = 16

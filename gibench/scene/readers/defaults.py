@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.arrays import Ints
+from gibench.arrays import Array, Ints
 from gibench.scene.cutouts import Cutouts
 from gibench.scene.environment import Environment
 from gibench.scene.gloss import GlossMaps
@@ -14,7 +14,7 @@ from gibench.scene.glow import Glow, in_first_period
 from gibench.scene.model import MOST_UNFOLDED, DirectionalLight, Material, Scene
 from gibench.scene.normal_maps import NormalMaps
 from gibench.scene.readers.clean import CleanMesh
-from gibench.scene.readers.content import Array, Content, unit
+from gibench.scene.readers.content import Content, unit
 from gibench.scene.readers.viewpoint import suggested_camera
 
 # A high sun that swings, so that every frame differs, five times as strong on a horizontal surface

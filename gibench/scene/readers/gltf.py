@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pygltflib
 
+from gibench.arrays import Array
 from gibench.errors import BadInput
 from gibench.scene.files import read_bytes
 from gibench.scene.model import (
@@ -25,7 +26,6 @@ from gibench.scene.model import (
     SpotLight,
 )
 from gibench.scene.readers.content import (
-    Array,
     Content,
     Part,
     transform_light,

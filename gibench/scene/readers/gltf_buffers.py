@@ -11,9 +11,9 @@ from urllib.parse import unquote, unquote_to_bytes
 import numpy as np
 import pygltflib
 
+from gibench.arrays import Array
 from gibench.errors import BadInput
 from gibench.scene.files import find_near, read_bytes
-from gibench.scene.readers.content import Array
 
 # glTF 2.0 specification, 3.6.2.2: accessor data types.
 _DTYPES: dict[int, str] = {

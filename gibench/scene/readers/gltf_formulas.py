@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from gibench.arrays import Vec3
+from gibench.arrays import Array, Vec3
 from gibench.scene.model import (
     DirectionalLight,
     Light,
     PointLight,
     SpotLight,
 )
-from gibench.scene.readers.content import Array, vec3
+from gibench.scene.readers.content import vec3
 
 
 def punctual_light(entry: dict[str, Any]) -> Light | None:

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from gibench.arrays import Doubles, Vec3
+from gibench.arrays import Array, Doubles, Vec3
 from gibench.errors import BadInput
 from gibench.scene.gloss import DIELECTRIC_F0
 from gibench.scene.model import Texture
-from gibench.scene.readers.content import Array, vec3
+from gibench.scene.readers.content import vec3
 from gibench.scene.readers.textures import resampled
 
 # Rec. 601, as the conversion has it.

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import pygltflib
 
+from gibench.arrays import Array
 from gibench.errors import BadInput
 from gibench.scene.model import Material, Texture
-from gibench.scene.readers.content import Array, Maps, vec3
+from gibench.scene.readers.content import Maps, vec3
 from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.gltf_buffers import Buffers
 from gibench.scene.readers.gltf_formulas import uv_matrix

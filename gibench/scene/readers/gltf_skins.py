@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pygltflib
 
-from gibench.scene.readers.content import Array, Part
+from gibench.arrays import Array
+from gibench.scene.readers.content import Part
 from gibench.scene.readers.gltf_buffers import Buffers
 from gibench.scene.readers.gltf_formulas import local_matrix
 

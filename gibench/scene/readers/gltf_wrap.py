@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.scene.model import Material, Texture
-from gibench.scene.readers.content import Array, Content, Maps, Part
+from gibench.scene.readers.content import Content, Maps, Part
 
 REPEAT, CLAMP, MIRROR = 10497, 33071, 33648
 Wrap = tuple[int, int]

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.arrays import Floats
-from gibench.scene.readers.content import Array, Content, Maps, Part, counted, vec3
+from gibench.arrays import Array, Floats
+from gibench.scene.readers.content import Content, Maps, Part, counted, vec3
 from gibench.scene.readers.material_variants import Variants, material_numbers
 
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.scene.model import Material
-from gibench.scene.readers.content import Array, Content, Part
+from gibench.scene.readers.content import Content, Part
 
 
 class Variants:

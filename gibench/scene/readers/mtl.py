@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gibench.arrays import Vec3
+from gibench.arrays import Array, Vec3
 from gibench.errors import BadInput
 from gibench.scene.files import find_near, read_bytes
 from gibench.scene.model import BLACK, Material, Texture
-from gibench.scene.readers.content import Array, Maps, counted, vec3
+from gibench.scene.readers.content import Maps, counted, vec3
 from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.mtl_files import library_files
 from gibench.scene.readers.mtl_maps import MapStatement, Transform, map_statement, numbers_of

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.errors import BadInput, printable
 from gibench.progress import progress
-from gibench.scene.readers.content import Array, Content, Part, counted
+from gibench.scene.readers.content import Content, Part, counted
 from gibench.scene.readers.mtl import GLOSS_MAP, NORMAL_MAP, Library, read_libraries
 from gibench.scene.readers.obj_blocks import Corners, Faces, Numbers, blocks
 from gibench.scene.readers.obj_colors import vertex_colors

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gibench.scene.readers.content import Array, counted
+from gibench.arrays import Array
+from gibench.scene.readers.content import counted
 
 
 def vertex_colors(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mapbox_earcut
 import numpy as np
 
-from gibench.scene.readers.content import Array
+from gibench.arrays import Array
 
 # Areas that differ by less are the same, up to the rounding of coordinates with six digits.
 AREA_TOLERANCE = 1e-5

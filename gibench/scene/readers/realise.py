@@ -27,10 +27,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.arrays import Floats, Vec3
+from gibench.arrays import Array, Floats, Vec3
 from gibench.scene.lightmap.albedo import covered_mean, mean_texture
 from gibench.scene.model import Material, Texture
-from gibench.scene.readers.content import Array, Content, Part, counted, of_corners, vec3
+from gibench.scene.readers.content import Content, Part, counted, of_corners, vec3
 from gibench.scene.readers.cut_out import cut_out
 from gibench.scene.readers.image_layers import (
     bumpy,

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibench.arrays import Vec3
+from gibench.arrays import Array, Vec3
 from gibench.scene.colours import Change, Colours
 from gibench.scene.model import Scene
-from gibench.scene.readers.content import Array, Content, vec3
+from gibench.scene.readers.content import Content, vec3
 
 # A scene is recentred where its middle lies further from the origin than so many of its diagonals:
 # five of float32's 24 bits are then lost to the offset.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibench.scene.readers.content import Array
+from gibench.arrays import Array
 
 
 class Rows:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.arrays import Vec3
+from gibench.arrays import Array, Vec3
 from gibench.errors import BadInput, printable
 from gibench.progress import progress
 from gibench.scene.environment import Environment
@@ -35,7 +35,7 @@ from gibench.scene.model import (
 from gibench.scene.motion.file import read_motions
 from gibench.scene.poses import turn_about
 from gibench.scene.readers.assemble import assembled
-from gibench.scene.readers.content import Array, Content, Part, join_contents, unit
+from gibench.scene.readers.content import Content, Part, join_contents, unit
 from gibench.scene.readers.environment_image import load_environment
 from gibench.scene.readers.float_images import UnreadableImage
 from gibench.scene.readers.mesh import read_mesh

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from gibench.arrays import Doubles
-from gibench.scene.readers.content import Array
+from gibench.arrays import Array, Doubles
 
 _TINY = float(np.finfo(np.float32).tiny)
 

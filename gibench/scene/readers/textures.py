@@ -9,10 +9,9 @@ from collections.abc import Callable
 import numpy as np
 from PIL import Image
 
-from gibench.arrays import Floats
+from gibench.arrays import Array, Floats
 from gibench.scene.model import Texture
 from gibench.scene.normal_maps import normals_of_heights, unit_normals
-from gibench.scene.readers.content import Array
 from gibench.scene.readers.float_images import UnreadableImage, floats_from_bytes
 
 # Textures only colour diffuse light here, so nothing is gained by more texels than this per side,

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.scene.model import Camera, Scene
-from gibench.scene.readers.content import Array, unit, vec3
+from gibench.scene.readers.content import unit, vec3
 
 _AZIMUTHS = 64
 # A point counts as inside a room when so many of the horizontal directions end on a front: from the

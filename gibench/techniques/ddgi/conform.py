@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.device import SIMT, WIDE, Layout
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.ddgi import conform_view
@@ -19,7 +20,6 @@ from gibench.techniques.ddgi.conform_oracle import (
     OFFSET,
     VARIABILITY,
     VARIATION,
-    Array,
     State,
     bias_of,
     blended_distance,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.scene.model import Scene
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.parts.conformance.case import Tolerance
@@ -24,8 +24,6 @@ from gibench.techniques.parts.conformance.shading import (
     direct_irradiance,
     surface,
 )
-
-Array = npt.NDArray[Any]
 
 ACTIVE, BLENDED, USABLE = 1, 2, 3
 FAR = 1e27

@@ -7,9 +7,10 @@ from functools import partial
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.rays.embree import EmbreeTracer
 from gibench.techniques.ddgi.conform_made import made
-from gibench.techniques.ddgi.conform_oracle import USABLE, Array, randomise, state_of, term
+from gibench.techniques.ddgi.conform_oracle import USABLE, randomise, state_of, term
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off, run
 from gibench.techniques.parts.conformance.shading import PlaneHits, pixel_directions
 

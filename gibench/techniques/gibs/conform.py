@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.device import Device, Launch, ProgramSpec, integer, reads, updates, writes
 from gibench.techniques.gibs import conform_life, conform_rays
 from gibench.techniques.gibs.conform_oracle import (
     STRETCH,
-    Array,
     frame_words,
     gathered,
     geometry,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gibench.techniques.gibs.conform_oracle import Array
+from gibench.arrays import Array
 from gibench.techniques.gibs.conform_state import (
     ALIVE,
     CAPACITY,

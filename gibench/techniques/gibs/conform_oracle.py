@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.device import Device
 from gibench.techniques.gibs.macros import VISIBLE_FRAMES
 from gibench.techniques.parts.surfel_grid import UniformGrid
 from gibench.techniques.parts.surfels import SurfelGeometry, surfel_words
-
-Array = npt.NDArray[Any]
 
 STRETCH = 4.0  # of surfels along their normals, in what is tested
 IDENTITY = np.eye(3, 4, dtype=np.float32).reshape(1, 12)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.rays.embree import EmbreeTracer
-from gibench.techniques.gibs.conform_oracle import Array, basis
+from gibench.techniques.gibs.conform_oracle import basis
 from gibench.techniques.gibs.conform_state import (
     ALIVE,
     CAPACITY,

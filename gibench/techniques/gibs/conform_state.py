@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gibench.arrays import Array
 from gibench.techniques.gibs import SPEC
-from gibench.techniques.gibs.conform_oracle import Array, frame_words, gathered
+from gibench.techniques.gibs.conform_oracle import frame_words, gathered
 from gibench.techniques.parts.conformance.case import Bench, created, run_pass
 from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.scene.model import Scene
 from gibench.techniques.light_field_probes import SPEC
 from gibench.techniques.light_field_probes.conform_oracle import (
@@ -39,8 +39,6 @@ from gibench.techniques.parts.conformance.case import (
 from gibench.techniques.parts.conformance.octahedral import bordered
 from gibench.techniques.parts.conformance.synthetic import random_lightmap, random_scene
 from gibench.techniques.registry import BakeContext
-
-Array = npt.NDArray[Any]
 
 # Sums of some hundred positive products in float32.
 IRRADIANCE = Tolerance(2e-5)

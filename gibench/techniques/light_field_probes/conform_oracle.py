@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.rays.embree import EmbreeTracer
 from gibench.scene.model import Material, Scene
 from gibench.techniques.parts.captured_probes.lobes import lobe_sides
@@ -20,8 +20,6 @@ from gibench.techniques.parts.conformance.shading import (
     surface,
 )
 from gibench.techniques.parts.split_sum import SPLIT_SUM_SIDE, split_sum_table
-
-Array = npt.NDArray[Any]
 
 SMALL = {"counts": "3x2x2", "capture_texels": 12, "map_texels": 6, "relit_share": 0.4}
 USABLE = 3

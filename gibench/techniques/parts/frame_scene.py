@@ -185,7 +185,7 @@ class FrameScene:
         """
         triangles, words = len(scene.triangles), 0
         if scene.cutouts is not None:
-            words = scene.cutouts.packed_bytes(triangles) // 4
+            words = scene.cutouts.packed_words(triangles)
         if bvh is None:
             tree = DeviceBvh.least_buffers(triangles, cutout_words=words)
         else:

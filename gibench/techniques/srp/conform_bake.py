@@ -7,10 +7,11 @@ from functools import partial
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.rays.embree import EmbreeTracer
 from gibench.scene.model import Scene
 from gibench.techniques.parts.conformance.case import Bench, Case, at_least, off
-from gibench.techniques.parts.conformance.rooms import Array, room
+from gibench.techniques.parts.conformance.rooms import room
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.settings import Interpolation, SrpBakeSettings
 from gibench.techniques.srp.bake.sh import sh_basis

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.scene.model import Scene
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.sh import sh_basis
 from gibench.techniques.srp.bake.transport import TransportBaker
 from gibench.techniques.srp.bake.weights import spatial_weight
-
-Array = npt.NDArray[Any]
 
 
 def intersect(corners: Array, origins: Array, directions: Array) -> Array:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.device import SIMT, WIDE, Layout
 from gibench.rays.embree import EmbreeTracer
 from gibench.scene.motion.moving_objects import MovingObjects
@@ -34,7 +35,6 @@ from gibench.techniques.parts.frame_passes import frame_passes
 from gibench.techniques.srp import SPEC
 from gibench.techniques.srp.bake.data import ProbeSet, SrpBake
 from gibench.techniques.srp.conform_oracle import (
-    Array,
     LitPoints,
     probe_light,
     probes_told,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.device import Buffer, Launch
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
@@ -18,7 +18,6 @@ from gibench.techniques.srp.bake.weights import spatial_weight
 from gibench.techniques.srp.probe_light import DEPTH_BIAS, DEPTH_SIDE, LEAST_SEEN, with_borders
 from gibench.techniques.srp.storage import store_cluster, stored_values
 
-Array = npt.NDArray[Any]
 LEAST_WEIGHT = 1e-3
 """All probes in reach together under this: single precision knows no three digits of it."""
 

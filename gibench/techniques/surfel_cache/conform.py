@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gibench.arrays import Array
 from gibench.device import SIMT, WIDE, Layout
 from gibench.techniques.parts.conformance.case import (
     Bench,
@@ -29,7 +30,6 @@ from gibench.techniques.parts.conformance.synthetic import random_lightmap, rand
 from gibench.techniques.registry import BakeContext
 from gibench.techniques.surfel_cache import SPEC
 from gibench.techniques.surfel_cache.conform_oracle import (
-    Array,
     dilated,
     gathered,
     halves,

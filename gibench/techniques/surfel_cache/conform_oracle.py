@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.techniques.surfel_cache.bake.data import LINK_SCALE
 from gibench.techniques.surfel_cache.sh import BAND_OF, basis, cap_factors, lobe_factors
 from gibench.techniques.surfel_cache.shared_exponent import decode, encode
-
-Array = npt.NDArray[Any]
 
 
 def read(technique: Any, name: str) -> Array:

@@ -12,8 +12,6 @@ from gibench.rays.tracer import RayTracer
 from gibench.scene.lightmap.albedo import mean_albedo, mean_emission
 from gibench.scene.model import Scene
 
-FACES = 6
-
 
 def cube_directions(side: int) -> Doubles:
     """Unit directions (6 side^2, 3) through the texels of a cube's faces: +x, -x, +y, -y, +z, -z,

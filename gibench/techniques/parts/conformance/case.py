@@ -11,8 +11,8 @@ from importlib.resources.abc import Traversable
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.device import Device, Launch, Layout
 from gibench.profiles import load_profile
 from gibench.scene.lightmap import Lightmap
@@ -21,8 +21,6 @@ from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.job import Job, Shot, World
 from gibench.techniques.registry import TechniqueSpec
 from gibench.techniques.technique import Technique
-
-Array = npt.NDArray[Any]
 
 # 7 and 100 divide none of the problems.
 SIZES = (1, 7, 64, 100)

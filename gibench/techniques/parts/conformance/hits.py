@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.rays.embree import EmbreeTracer
 from gibench.scene.model import Scene
 from gibench.techniques.parts.conformance.shading import (
@@ -20,7 +19,6 @@ from gibench.techniques.parts.conformance.shading import (
     unshadowed,
 )
 
-Array = npt.NDArray[Any]
 Lookup = Callable[[Array, Array], tuple[Array, Array]]
 """Irradiance (n, 3) at points (n, 3) with normals (n, 3), and where (n,) it is certain."""
 

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.techniques.parts.conformance.shading import bilinear
-
-Array = npt.NDArray[Any]
 
 
 def encode(d: Array) -> Array:

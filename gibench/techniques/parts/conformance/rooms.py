@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.scene.environment import Environment
 from gibench.scene.lightmap import Fragments, Lightmap, Receivers
 from gibench.scene.model import Material, Scene
 
-Array = npt.NDArray[Any]
 Quad = tuple[tuple[float, float, float], ...]  # corner, edge u, edge v; the front is along u x v
 
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from gibench.arrays import Array
 from gibench.rays.embree import EmbreeTracer
 from gibench.scene.glow import decoded, shared_exponents
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Camera, DirectionalLight, Light, PointLight, Scene, SpotLight
-
-Array = npt.NDArray[Any]
 
 # The light at a hit is gathered so many roundings back along its ray (sampling.cl, back_along_ray).
 STEP_BACK = 256

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from gibench.arrays import Doubles, Floats, Ints
+from gibench.arrays import Bools, Doubles, Floats, Ints
 from gibench.errors import BadInput
 from gibench.progress import progress
 from gibench.rays.offset import SHORT_OF_TARGET
@@ -26,8 +26,6 @@ from gibench.scene.model import Scene
 from gibench.techniques.srp.bake.data import ProbeSet
 from gibench.techniques.srp.bake.voxels import beside_surfaces, regions, view_shares, voxelise
 from gibench.techniques.srp.bake.weights import spatial_weight
-
-Flags = npt.NDArray[np.bool_]
 
 # Voxels along the longest side of the scene.
 _LONGEST = 64
@@ -257,7 +255,7 @@ def _cover(
     targets = (points + offset * receivers.normal[checked]).astype(np.float32)
     normals = receivers.normal[checked].astype(np.float64)
 
-    def sees(indices: npt.NDArray[np.int64]) -> Flags:
+    def sees(indices: npt.NDArray[np.int64]) -> Bools:
         return _sees(candidates[indices], targets, normals, tracer)
 
     seen = sees(chosen)
@@ -279,14 +277,14 @@ def _cover(
 def _swap(
     candidates: Doubles,
     chosen: npt.NDArray[np.int64],
-    seen: Flags,
-    covers: Flags,
+    seen: Bools,
+    covers: Bools,
     points: Doubles,
-    bare: Flags,
+    bare: Bools,
     radius: float,
-    sees: Callable[[npt.NDArray[np.int64]], Flags],
+    sees: Callable[[npt.NDArray[np.int64]], Bools],
     rng: np.random.Generator,
-) -> tuple[npt.NDArray[np.int64], Flags, Flags]:
+) -> tuple[npt.NDArray[np.int64], Bools, Bools]:
     """One round of exchange: greedy set cover of the ``bare`` receivers from nearby candidates."""
     free = np.setdiff1d(np.arange(len(candidates)), chosen)
     distance, _ = cKDTree(points[bare]).query(candidates[free])
@@ -319,7 +317,7 @@ def _swap(
         bare = ~covers.any(axis=0) & bare
 
 
-def _sees(places: Doubles, targets: Floats, normals: Doubles, tracer: RayTracer) -> Flags:
+def _sees(places: Doubles, targets: Floats, normals: Doubles, tracer: RayTracer) -> Bools:
     """(k, n) whether each of ``places`` (k, 3) is in front of and sees each of ``targets``."""
     result = np.zeros((len(places), len(targets)), np.bool_)
     together = max(1, _RAYS_TOGETHER // len(targets))

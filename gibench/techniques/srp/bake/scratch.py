@@ -13,7 +13,7 @@ from gibench.device import Buffer, Device
 
 
 @dataclass
-class Clock:
+class Timings:
     """Seconds spent and rays traced in each part of the work."""
 
     seconds: dict[str, float] = field(default_factory=dict)

@@ -39,7 +39,7 @@ from gibench.techniques.srp.bake.sampling import (
     triangle_planes,
     with_angles,
 )
-from gibench.techniques.srp.bake.scratch import Clock, Scratch
+from gibench.techniques.srp.bake.scratch import Scratch, Timings
 from gibench.techniques.srp.bake.settings import SrpBakeSettings
 from gibench.techniques.srp.bake.sky import settle_sky
 from gibench.techniques.srp.bake.transport_rows import PrimaryRays, TransportRows
@@ -143,7 +143,7 @@ class TransportWorker:
 
     def __init__(self, baker: TransportBaker) -> None:
         self.baker = baker
-        self.clock = Clock()
+        self.clock = Timings()
         self.device = baker.device.beside()
         self._scratch = Scratch(self.device)
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import maximum_filter
 
-from gibench.arrays import Floats
+from gibench.arrays import Bools, Floats
 from gibench.progress import progress
 from gibench.rays.offset import SHORT_OF_TARGET
 from gibench.rays.tracer import RayTracer
@@ -33,8 +33,6 @@ POINTS_PER_TEXEL = 4
 # Cells along one side of a probe's octahedral map of directions: 1.2 degrees each.
 DIRECTION_GRID = 128
 RAYS_PER_CELL_SIDE = 2
-
-Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ def visibility_tables(
 
 def _texels(
     probe: Floats, targets: Floats, normals: Floats, tracer: RayTracer
-) -> tuple[Flags, Flags]:
+) -> tuple[Bools, Bools]:
     """Whether the probe sees any, and misses any, of each receiver's points it is in front of.
 
     A receiver all of whose points face away counts as both: whatever is hit there is decided by
@@ -103,7 +101,7 @@ def _texels(
     return visible | away, hidden | away
 
 
-def _settle(visible: Flags, hidden: Flags, lightmap: Lightmap) -> npt.NDArray[np.uint8]:
+def _settle(visible: Bools, hidden: Bools, lightmap: Lightmap) -> npt.NDArray[np.uint8]:
     """(n,) the state of each receiver's texel from what its own and its neighbours' rays met."""
     maps = np.zeros((2, lightmap.height * lightmap.width), np.uint8)
     texel = lightmap.receivers.texel
@@ -114,7 +112,7 @@ def _settle(visible: Flags, hidden: Flags, lightmap: Lightmap) -> npt.NDArray[np
     return np.where(near[0] & near[1], UNDECIDED, visible).astype(np.uint8)
 
 
-def _directions(probe: Floats, tracer: RayTracer, rng: np.random.Generator) -> tuple[Flags, Flags]:
+def _directions(probe: Floats, tracer: RayTracer, rng: np.random.Generator) -> tuple[Bools, Bools]:
     """Whether any ray of each direction cell, or of those around it, escapes and is blocked."""
     side = DIRECTION_GRID * RAYS_PER_CELL_SIDE
     row, column = np.divmod(np.arange(side * side), side)

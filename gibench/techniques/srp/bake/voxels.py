@@ -8,13 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_dilation, label
 
-from gibench.arrays import Floats
+from gibench.arrays import Bools, Floats
 from gibench.rays.tracer import RayTracer
 from gibench.scene.model import Scene
 from gibench.techniques.parts.octahedral_maps import octahedral_decode
 from gibench.techniques.srp.bake.sampling import triangle_planes
-
-Flags = npt.NDArray[np.bool_]
 
 # Surface samples per voxel edge: dense enough that no face-connected path crosses a surface.
 _SAMPLES_PER_EDGE = 3.0
@@ -35,7 +33,7 @@ class Voxels:
 
     origin: npt.NDArray[np.float64]
     edge: float
-    full: Flags = field(repr=False)
+    full: Bools = field(repr=False)
 
     def centres(self, index: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
         """Centres (n, 3) of voxels (n, 3), m."""

@@ -8,14 +8,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from gibench.arrays import Doubles, Floats, Ints
+from gibench.arrays import Bools, Doubles, Floats, Ints
 from gibench.techniques.parts.probe_volume import Volume
 
 LINK_SCALE: Final = 1024.0
 """A link's coefficients are stored times this, so that far senders' are no subnormal halves."""
 
 Halves = npt.NDArray[np.float16]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -77,10 +77,34 @@ def volume_of(scene: Scene, settings: SurfelCacheSettings) -> Volume:
 
 def surfel_cache_stages(given: Given) -> tuple[Stage, ...]:
     """The stages of a bake; the last one's value is the :class:`SurfelBake`."""
+    surfels = _surfel_stage(given)
+    hierarchy = _hierarchy_stage(given, surfels)
+    atlas = _atlas_stage(given)
+    caches = _cache_stage(given, atlas)
+    links = _link_stage(given, (surfels, hierarchy, caches))
+    receivers = given.lightmap.receivers
+    needs = (surfels, hierarchy, caches, links)
+    whole = Stage(
+        name="surfel-cache-bake",
+        key=stage_key("surfel-cache-bake", 1, receivers.albedo, receivers.emission, needs=needs),
+        compute=_assemble,
+        given=given,
+        needs=needs,
+        keep=Keep.NEVER,
+    )
+    return surfels, hierarchy, atlas, caches, links, whole
+
+
+def _made_from(given: Given, **settings: Any) -> tuple[tuple[str, Any], ...]:
+    """What a stage's file says it was made from."""
+    return tuple({"scene": given.scene.name, **settings}.items())
+
+
+def _surfel_stage(given: Given) -> Stage:
+    """Surfels spread over the surfaces."""
     scene, settings = given.scene, given.settings
-    made = {"scene": scene.name}
     cut = () if scene.cutouts is None else (given.lightmap.fragments.area,)
-    surfels = Stage(
+    return Stage(
         name="surfel-cache-surfels",
         key=stage_key(
             "surfel-cache-surfels",
@@ -94,21 +118,29 @@ def surfel_cache_stages(given: Given) -> tuple[Stage, ...]:
         compute=_surfels,
         given=given,
         format=Format(_write_surfels, _read_surfels),
-        made_from=tuple({**made, "surfels": settings.surfels}.items()),
+        made_from=_made_from(given, surfels=settings.surfels),
     )
-    hierarchy = Stage(
+
+
+def _hierarchy_stage(given: Given, surfels: Stage) -> Stage:
+    """The tree over the surfels."""
+    kind = given.settings.hierarchy
+    return Stage(
         name="surfel-cache-hierarchy",
-        key=stage_key(
-            "surfel-cache-hierarchy", HIERARCHY_VERSION, settings.hierarchy, needs=(surfels,)
-        ),
+        key=stage_key("surfel-cache-hierarchy", HIERARCHY_VERSION, kind, needs=(surfels,)),
         compute=_hierarchy,
-        given=settings.hierarchy,
+        given=kind,
         needs=(surfels,),
         format=Format(_write_hierarchy, _read_hierarchy),
-        made_from=tuple({**made, "hierarchy": settings.hierarchy}.items()),
+        made_from=_made_from(given, hierarchy=kind),
     )
+
+
+def _atlas_stage(given: Given) -> Stage:
+    """The map that caches on surfaces lie in."""
+    scene, settings = given.scene, given.settings
     own = np.empty(0, np.float32) if scene.lightmap_uvs is None else scene.lightmap_uvs
-    atlas = Stage(
+    return Stage(
         name="surfel-cache-atlas",
         key=stage_key(
             "surfel-cache-atlas",
@@ -121,54 +153,47 @@ def surfel_cache_stages(given: Given) -> tuple[Stage, ...]:
         compute=_atlas,
         given=given,
         format=Format(_write_atlas, _read_atlas),
-        made_from=tuple({**made, "caches": settings.caches}.items()),
+        made_from=_made_from(given, caches=settings.caches),
     )
-    volume = volume_of(scene, settings)
-    caches = Stage(
+
+
+def _cache_stage(given: Given, atlas: Stage) -> Stage:
+    """The caches, on surfaces and in the grid, and the sky that they see."""
+    volume = volume_of(given.scene, given.settings)
+    return Stage(
         name="surfel-cache-caches",
         key=stage_key(
             "surfel-cache-caches",
             CACHES_VERSION,
             volume,
-            settings.leave_out,
-            scene.environment.pixels,
+            given.settings.leave_out,
+            given.scene.environment.pixels,
             needs=(atlas,),
         ),
         compute=_caches,
         given=given,
         needs=(atlas,),
         format=Format(_write_caches, _read_caches),
-        made_from=tuple({**made, "grid": volume.counts}.items()),
+        made_from=_made_from(given, grid=volume.counts),
     )
+
+
+def _link_stage(given: Given, needs: tuple[Stage, ...]) -> Stage:
+    """The links from caches to nodes of the tree; ``needs`` surfels, hierarchy and caches."""
+    settings = given.settings
+    volume = volume_of(given.scene, settings)
     units = -(-(settings.caches + volume.probes) // _UNIT_CACHES)
-    links = Stage(
+    return Stage(
         name="surfel-cache-links",
-        key=stage_key(
-            "surfel-cache-links",
-            LINKS_VERSION,
-            settings.links,
-            units,
-            needs=(surfels, hierarchy, caches),
-        ),
+        key=stage_key("surfel-cache-links", LINKS_VERSION, settings.links, units, needs=needs),
         compute=_links,
         given=given,
-        needs=(surfels, hierarchy, caches),
+        needs=needs,
         units=tuple(Unit(f"links-{i:05d}", i, units) for i in range(units)),
         format=Format(_write_links, _read_links),
         title="Baking links",
-        made_from=tuple({**made, "links": settings.links}.items()),
+        made_from=_made_from(given, links=settings.links),
     )
-    receivers = given.lightmap.receivers
-    needs = (surfels, hierarchy, caches, links)
-    whole = Stage(
-        name="surfel-cache-bake",
-        key=stage_key("surfel-cache-bake", 1, receivers.albedo, receivers.emission, needs=needs),
-        compute=_assemble,
-        given=given,
-        needs=needs,
-        keep=Keep.NEVER,
-    )
-    return surfels, hierarchy, atlas, caches, links, whole
 
 
 # What the stages compute

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gibench.arrays import Doubles, Ints, Longs
+from gibench.arrays import Bools, Doubles, Ints, Longs
 from gibench.errors import BadInput
 from gibench.rays.tracer import NO_HIT, RayTracer
-from gibench.scene.cutouts import Bools, Cutouts
+from gibench.scene.cutouts import Cutouts
 from gibench.scene.lightmap import Lightmap
 from gibench.scene.model import Scene
 from gibench.techniques.surfel_cache.bake.data import SurfelSet
