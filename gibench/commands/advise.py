@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from gibench.measure.plan.grid import check_settings_names
 from gibench.measure.plan.shard import Shard, labels_of
 from gibench.measure.record import on_one_machine, study_record
 from gibench.measure.runfolder.axes import axes_of
+from gibench.measure.runfolder.folder import RunFolder
 from gibench.measure.session.shared import Shared
 from gibench.profiles import DeviceProfile
 from gibench.report.advice import advice_report, plot_advice
@@ -162,7 +163,6 @@ def advise(
     record = study_record(arguments, cl_device, there)
     record = on_one_machine(folder, record, complete=complete)
     folder.write_record(record)
-    cpu = record["environment"]["cpu"]
     outcome = compare(
         jobs,
         how,
@@ -177,27 +177,42 @@ def advise(
     if rows.empty:
         raise Interrupted("interrupted before anything was measured")
     table = advice(rows, limits)
-    more = lifted(table[competing(table)], limits)
-    error: GibenchError | None
+    result = AdviceResult(
+        folder=folder.path,
+        table=table,
+        limits=limits,
+        lifted=lifted(table[competing(table)], limits),
+        profile=profile.name,
+        cpu=record["environment"]["cpu"],
+        error=_interrupted(len(table), len(own), folder.path) if outcome.interrupted else None,
+    )
     if part is not None:  # which is best is known when all are there
-        error = _interrupted(len(table), len(own), folder.path) if outcome.interrupted else None
-        return AdviceResult(folder.path, table, limits, more, profile.name, cpu, error)
-    warnings = shared.scene(scene).warnings
+        return result
+    if result.error is None:
+        result = replace(result, error=misfit(table, limits))
+    if projected_on is not None and not outcome.interrupted:
+        ranking = _ranked(jobs, tried, projected_on, shared, cl_device)
+        result = replace(result, projected=ranking)
+    _write(folder, result, shared.scene(scene).warnings)
+    return result
+
+
+def _write(folder: RunFolder, result: AdviceResult, warnings: Sequence[str]) -> None:
+    """Leave the tables, the report and the plot.
+
+    Raises:
+        GibenchError: one cannot be written.
+    """
+    table, more = result.table, result.lifted
     folder.write_text("advice.csv", csv_text(table))
     folder.write_text("lifted.csv", csv_text(more))
-    text = advice_report(table, more, profile.name, limits, cpu, warnings)
-    projected = None
-    if projected_on is not None and not outcome.interrupted:
-        projected = _ranked(jobs, tried, projected_on, shared, cl_device)
-        folder.write_text(PROJECTED, csv_text(projected))
-        text += "\n" + ranking_section(projected)
+    text = advice_report(table, more, result.profile, result.limits, result.cpu, warnings)
+    if result.projected is not None:
+        folder.write_text(PROJECTED, csv_text(result.projected))
+        text += "\n" + ranking_section(result.projected)
     folder.write_text("advice.md", text)
     if (table["status"] == "ok").any():
-        plot_advice(folder.path / "pareto", table, limits, cpu)
-    error = misfit(table, limits)
-    if outcome.interrupted:
-        error = _interrupted(len(table), len(jobs), folder.path)
-    return AdviceResult(folder.path, table, limits, more, profile.name, cpu, error, projected)
+        plot_advice(folder.path / "pareto", table, result.limits, result.cpu)
 
 
 def _check_dark(job: Job, how: QualityOptions, site: Site) -> None:

@@ -115,11 +115,11 @@ class Gibs:
         self._receivers: tuple[Buffer, Buffer, Buffer] | None = None
 
     def passes(self) -> Sequence[Pass]:
-        """The passes of a frame, in order. Before any frame no surfel is alive: what they do is
-        counted by the frame last begun.
+        """The passes of a frame, in order. Before any frame no surfel is alive; what they do is
+        counted in the frame last run.
         """
         p = self._passes
-        work = self._work()
+        work = frame_work(self._sizes())
 
         def alive() -> int:
             return self._alive
@@ -137,7 +137,7 @@ class Gibs:
 
         def counted(name: str) -> Callable[[int], Work]:
             def told(size: int) -> Work:
-                now = self._work()[name]
+                now = frame_work(self._counted_sizes())[name]
                 return p.with_shadow_rays(now, size) if name == "irradiance" else now
 
             return told
@@ -147,9 +147,9 @@ class Gibs:
         first = list(launches).index("application")
         return [*own[:first], p.camera(), *own[first:]]
 
-    def _work(self) -> dict[str, Work]:
-        """The work of the frame last run, by pass, without shadow rays."""
-        sizes = FrameSizes(
+    def _sizes(self) -> FrameSizes:
+        """What the work of the frame last begun depends on, as far as the host knows it."""
+        return FrameSizes(
             alive=self._alive,
             rays=self._rays,
             pixels=self.scene.width * self.scene.height,
@@ -160,16 +160,19 @@ class Gibs:
             guiding=self.settings.ray_guiding,
             by_rays=self._by_rays,
         )
-        if self._number:
-            coverage = self.coverage()
-            sizes = replace(
-                sizes,
-                entries=self.grid.entered(),
-                surface=int(np.count_nonzero(np.isfinite(coverage))),
-                covered=int(np.count_nonzero(coverage > 0)),
-                placed=int(self.device.read(self.surfels.counters)[COUNT_PLACED]),
-            )
-        return frame_work(sizes)
+
+    def _counted_sizes(self) -> FrameSizes:
+        """The same of the frame last run, all of it, read from the device."""
+        if not self._number:
+            return self._sizes()
+        coverage = self.coverage()
+        return replace(
+            self._sizes(),
+            entries=self.grid.entered(),
+            surface=int(np.count_nonzero(np.isfinite(coverage))),
+            covered=int(np.count_nonzero(coverage > 0)),
+            placed=int(self.device.read(self.surfels.counters)[COUNT_PLACED]),
+        )
 
     def begin_frame(self, frame: int) -> None:
         """Move lights, camera and objects, and tell the device what the frame is."""

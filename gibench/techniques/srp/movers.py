@@ -137,10 +137,6 @@ class Movers:
 
         return [*self.tree.passes(), Pass(BLOCKED_RAYS, launches, work(), counted)]
 
-    def blocked_share(self) -> float:
-        """Share of all relight rays that were blocked when they were last traced."""
-        return float(self.scene.device.read(self.blocked)[..., 3].mean())
-
 
 def _rays(probes: int, samples: int) -> list[BufferSpec]:
     of, f32 = BufferSpec.of, np.float32

@@ -9,7 +9,7 @@ from scipy.special import sph_harm_y
 from support.vector_widths import widths
 
 from gibench.device import kernel_source, list_devices
-from gibench.techniques.parts.octahedral_maps import octahedral_cells, octahedral_decode
+from gibench.techniques.parts.octahedral_maps import octahedral_decode
 from gibench.techniques.srp.bake.sampling import sphere_directions, strata
 from gibench.techniques.srp.bake.sh import sh_basis
 
@@ -40,6 +40,16 @@ def test_basis_is_orthonormal():
     w = np.repeat(weight, 20) * 2 * np.pi / 20
     basis = sh_basis(7, d)
     assert np.allclose(basis.T @ (w[:, None] * basis), np.eye(64), atol=1e-12)
+
+
+def octahedral_cells(directions, grid):
+    """The cell (row * grid + column) of each direction (n, 3)."""
+    d = np.asarray(directions, np.float64)
+    d = d / np.abs(d).sum(axis=1, keepdims=True)
+    folded = (1.0 - np.abs(d[:, 1::-1])) * np.where(d[:, :2] >= 0, 1.0, -1.0)
+    p = np.where((d[:, 2] >= 0)[:, None], d[:, :2], folded)
+    at = np.clip(((p * 0.5 + 0.5) * grid).astype(np.int64), 0, grid - 1)
+    return at[:, 1] * grid + at[:, 0]
 
 
 @pytest.mark.parametrize("order", range(8))

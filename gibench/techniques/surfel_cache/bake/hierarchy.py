@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from gibench.arrays import Doubles, Ints, Longs
+from gibench.arrays import Doubles, Longs
 from gibench.techniques.surfel_cache.bake.data import Hierarchy, SurfelSet
 from gibench.techniques.surfel_cache.bake.surfels import query_threads
 
@@ -266,15 +266,3 @@ def _sorted_along(place: Doubles, leaf: Longs, starts: Longs, ends: Longs) -> Lo
     along = points[np.arange(len(own)), axis[own]]
     ordered[rows] = leaf[rows][np.lexsort((along, own))]
     return ordered
-
-
-def node_areas(tree: Hierarchy, area: float) -> Doubles:
-    """Area of every node, m2, of surfels of ``area``."""
-    return np.asarray((tree.end - tree.begin) * float(area))
-
-
-def reordered(tree: Hierarchy) -> Ints:
-    """For each surfel the leaf it is, (n,): the inverse of ``tree.leaf``."""
-    place = np.empty(len(tree.leaf), np.int32)
-    place[tree.leaf] = np.arange(len(tree.leaf), dtype=np.int32)
-    return place
