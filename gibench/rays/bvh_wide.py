@@ -57,7 +57,7 @@ def half_area(lower: Floats, upper: Floats) -> Floats:
 
 
 def blocks_of(count: Ints) -> Ints:
-    """Leaf blocks that hold ``count`` triangles."""
+    """Leaf blocks that hold ``count`` (n,) triangles, (n,)."""
     return np.asarray(-(-count // WIDTH), np.int32)
 
 

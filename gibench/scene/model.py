@@ -312,7 +312,7 @@ class Scene:
 
     @property
     def bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Smallest and largest corner of what the triangles cover, m."""
+        """Smallest and largest corner (3,) of what the triangles cover, m."""
         is_used = np.zeros(len(self.positions), np.bool_)
         is_used[self.triangles] = True
         used = self.positions[is_used].astype(np.float64)

@@ -86,7 +86,7 @@ class Parts:
 
 
 def without_compression(parts: Parts) -> Doubles:
-    """Light by the transport as it is before compression."""
+    """Light (n, 3), W/m2, by the transport as it is before compression."""
     rows = list(_rows(parts))
 
     def gather(sent: Doubles) -> Doubles:
@@ -97,7 +97,7 @@ def without_compression(parts: Parts) -> Doubles:
 
 
 def with_true_light(parts: Parts) -> Doubles:
-    """Light by probes that see the true light at the end of each relight ray."""
+    """Light (n, 3), W/m2, by probes that see the true light at the end of each relight ray."""
     albedo = parts.lightmap.receivers.albedo
     return parts.gather(parts.sent + albedo / pi * parts.truth)
 
@@ -130,7 +130,7 @@ def with_light_of_the_point(parts: Parts) -> Doubles:
 
 
 def with_more_relight_rays(parts: Parts) -> Doubles:
-    """Light by probes with :data:`MORE_RELIGHT` times the relight rays."""
+    """Light (n, 3), W/m2, by probes with :data:`MORE_RELIGHT` times the relight rays."""
     more = relight_samples(
         parts.scene,
         parts.lightmap,
@@ -158,7 +158,7 @@ def without_band_limit(parts: Parts, unseen: bool = False) -> Doubles:
 
 
 def one_bounce(parts: Parts) -> Doubles:
-    """Light that was reflected once at most, whatever it comes from."""
+    """Light (n, 3), W/m2, that was reflected once at most, whatever it comes from."""
     receivers = parts.lightmap.receivers
     unreflected = parts.gather(receivers.emission.astype(np.float64))
     return parts.gather(parts.sent + receivers.albedo / pi * unreflected)

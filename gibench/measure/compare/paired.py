@@ -62,7 +62,7 @@ class Judged:
 
 
 def centre(values: npt.NDArray[np.floating]) -> float:
-    """The Hodges-Lehmann estimate: the median of the means of all pairs of values."""
+    """The Hodges-Lehmann estimate of ``values`` (n,): the median of the means of all pairs."""
     return float(np.median(_walsh(values)))
 
 

@@ -139,7 +139,7 @@ def one_cycle(count: int, rng: np.random.Generator) -> npt.NDArray[np.int64]:
 
 
 def chase_table(size: int, line: int, rng: np.random.Generator) -> npt.NDArray[np.uint32]:
-    """A table of ``size`` bytes, an entry on each line of ``line`` bytes, one after another."""
+    """A table (n,) of ``size`` bytes, an entry on each line of ``line`` bytes, one by one."""
     apart = line // 4
     lines = max(2, size // line)
     table = np.zeros(lines * apart, np.uint32)

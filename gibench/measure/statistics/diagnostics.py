@@ -57,7 +57,7 @@ def health(times_ms: Times) -> Health:
 
 
 def outliers(times_ms: Times) -> npt.NDArray[np.bool_]:
-    """Which times lie beyond Tukey's outer fences."""
+    """Which times (n,) lie beyond Tukey's outer fences."""
     times = np.asarray(times_ms, np.float64)
     low, high = np.percentile(times, [25, 75])
     reach = OUTLIER_FENCE * (high - low)

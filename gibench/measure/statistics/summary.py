@@ -54,7 +54,7 @@ class Roofs:
 
 
 def summarize(times_ms: Sequence[float] | npt.NDArray[np.floating]) -> Summary:
-    """The summary of ``times_ms``; all nan when there are none."""
+    """The summary of ``times_ms`` (n,); all nan when there are none."""
     times = np.asarray(times_ms, np.float64)
     if times.size == 0:
         return Summary(0, NAN, NAN, NAN, NAN, NAN, NAN, NAN)

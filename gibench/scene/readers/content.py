@@ -170,7 +170,8 @@ def unit(vector: Array) -> Vec3:
 
 
 def transform_part(part: Part, matrix: Array) -> Part:
-    """The part in another space; a mirroring matrix turns the winding so that fronts stay fronts.
+    """The part in another space, by ``matrix`` (4, 4); a mirroring matrix turns the winding so that
+    fronts stay fronts.
 
     Positions are left bit for bit as they are under the identity.
     """
@@ -206,7 +207,7 @@ def transform_part(part: Part, matrix: Array) -> Part:
 
 
 def transform_light(light: Light, matrix: Array) -> Light:
-    """The light in another space; intensities and radii are left as they are."""
+    """The light in another space, by ``matrix`` (4, 4); intensities and radii stay as they are."""
     if isinstance(light, DirectionalLight):
         return replace(light, direction=unit(matrix[:3, :3] @ np.asarray(light.direction)))
     position = vec3(matrix[:3, :3] @ np.asarray(light.position) + matrix[:3, 3])

@@ -63,7 +63,7 @@ def of_key(samples: pd.DataFrame, key: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def as_kept(values: Doubles) -> Doubles:
-    """``values`` in the precision of the file they are kept in."""
+    """``values``, of any shape, in the precision of the file they are kept in."""
     return values.astype(np.float32).astype(np.float64)
 
 

@@ -12,7 +12,7 @@ from gibench.scene.lightmap import Lightmap
 
 
 def border_texels(lightmap: Lightmap) -> Ints:
-    """Flat indices of the invalid texels with a valid one among their 8 neighbours, ascending."""
+    """Flat indices (k,) of invalid texels with a valid one among their 8 neighbours, ascending."""
     valid = np.zeros((lightmap.height + 2, lightmap.width + 2), np.bool_)
     inner = valid[1:-1, 1:-1]
     rows, columns = np.divmod(lightmap.receivers.texel, lightmap.width)

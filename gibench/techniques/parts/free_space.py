@@ -56,7 +56,7 @@ class FreeSpace:
 
     @property
     def extent(self) -> Doubles:
-        """Sides of the bounds, m."""
+        """Sides of the bounds (3,), m."""
         return np.asarray(self.high - self.low)
 
     @property
@@ -125,7 +125,9 @@ def _on_triangles(
 
 
 def cosine_directions(normals: Doubles, rng: np.random.Generator) -> Doubles:
-    """Directions by the cosine with ``normals``: the normal and a point of the sphere added."""
+    """Directions (n, 3) by the cosine with ``normals`` (n, 3): the normal and a point of the sphere
+    added.
+    """
     away = rng.normal(size=normals.shape)
     found = normals + 0.9999 * away / np.linalg.norm(away, axis=1, keepdims=True)
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))

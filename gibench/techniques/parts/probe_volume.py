@@ -108,7 +108,8 @@ def given_volume(scene: Scene, counts: Counts, origin: Triple, spacing: Triple) 
 
 
 def fit_volume(low: Doubles, high: Doubles, counts: Counts) -> Volume:
-    """The box cut into equal cells, a probe in the middle of each.
+    """The box from ``low`` to ``high`` (3,), m, cut into equal cells, a probe in the middle of
+    each.
 
     Probes on the box itself would lie in a room's walls; a flat box gets a little depth.
     """

@@ -67,7 +67,7 @@ def store_cluster(cluster: Cluster, storage: str) -> StoredCluster:
 
 
 def stored_values(stored: npt.NDArray[Any], storage: str) -> npt.NDArray[np.float64]:
-    """The numbers that stored values mean, before scaling."""
+    """The numbers that stored values of any shape mean, before scaling."""
     if storage == "fp16":
         return stored.view(np.float16).astype(np.float64)
     return stored.astype(np.float64)

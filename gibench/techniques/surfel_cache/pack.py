@@ -293,7 +293,7 @@ def packed_uv(bake: SurfelBake, uvs: Floats) -> Words:
 
 
 def border_of(bake: SurfelBake) -> Ints:
-    """Texels of the map without a lit cache that have one among their eight neighbours."""
+    """Texels (k,) of the map without a lit cache that have one among their eight neighbours."""
     atlas = bake.caches.atlas
     padded = np.zeros((atlas.height + 2, atlas.width + 2), np.bool_)
     rows, columns = np.divmod(atlas.texel[bake.caches.map_kept], atlas.width)

@@ -215,7 +215,7 @@ def support_radius(positions: Floats, receivers: npt.NDArray[Any], overlap: floa
 
 
 def mean_overlap(probes: ProbeSet, receivers: Floats) -> float:
-    """Mean number of probes in reach of a receiver."""
+    """Mean number of probes in reach of one of ``receivers`` (n, 3), m."""
     targets = cKDTree(receivers.astype(np.float64))
     tree = cKDTree(probes.positions.astype(np.float64))
     return float(tree.count_neighbors(targets, probes.radius)) / max(1, len(receivers))

@@ -83,7 +83,9 @@ def beside_surfaces(voxels: Voxels) -> npt.NDArray[np.int64]:
 
 
 def regions(voxels: Voxels) -> npt.NDArray[np.int32]:
-    """Flood fill: the number of the face-connected empty region of each voxel, 0 where full."""
+    """Flood fill of (x, y, z) voxels: the number of the face-connected empty region of each voxel,
+    0 where full.
+    """
     return np.asarray(label(~voxels.full)[0], np.int32)
 
 

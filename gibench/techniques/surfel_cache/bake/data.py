@@ -41,7 +41,7 @@ class SurfelSet:
         return len(self.position)
 
     def taken(self, rows: npt.NDArray[Any]) -> SurfelSet:
-        """The surfels ``rows``, in that order."""
+        """The surfels ``rows`` (k,), in that order."""
         return SurfelSet(
             self.position[rows],
             self.normal[rows],

@@ -58,7 +58,7 @@ class _Clusters:
 
     @property
     def normal(self) -> Doubles:
-        """Unit normals; nothing where they cancel."""
+        """Unit normals (k, 3); nothing where they cancel."""
         length = np.linalg.norm(self.facing, axis=1, keepdims=True)
         return np.where(length > 1e-9, self.facing / np.maximum(length, 1e-30), 0.0)
 
