@@ -256,7 +256,7 @@ def test_an_unexpected_fault_is_one_line_and_debug_shows_its_traceback(
     def broken() -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr("gibench.profiles.built_in_profiles", broken)
+    monkeypatch.setattr("gibench.commands.listings.built_in_profiles", broken)
     assert call(["profiles"]) == 1
     text = capsys.readouterr().err
     assert len(text.splitlines()) == 1
@@ -272,7 +272,7 @@ def test_ctrl_c_is_one_line_and_130(
     def interrupted() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gibench.profiles.built_in_profiles", interrupted)
+    monkeypatch.setattr("gibench.commands.listings.built_in_profiles", interrupted)
     assert call(["profiles"]) == 130
     assert capsys.readouterr().err == "gibench: interrupted\n"
 
