@@ -4,15 +4,18 @@
 // what lies side by side. The products are made by groups of any size for LANES probes by TEXELS
 // texels: one texel after the other, whose list all work-items read, while neighbours are neighbouring
 // probes, whose rays lie beside each other. Once they have their sums they change places in local
-// memory, so that neighbours then are neighbouring texels of one map. Macros: LANES, TEXELS, TEAM (the
-// work-group's size in the products), LISTED (rays at a time as lists are made).
+// memory, so that neighbours then are neighbouring texels of one map. Where a CPU makes vectors of
+// work-items (VECTOR of them, else 0), these exchange nothing, which costs such a device more than it
+// saves: each writes what it has summed, and makes a texel's list by itself. No local memory is used
+// then. Macros: LANES, TEXELS, TEAM (the work-group's size in the products), LISTED (rays at a time as
+// lists are made), VECTOR.
 #include "ddgi/rays.cl"
 #include "ddgi/texel.cl"
 
 #define LIST_STEP 4
 #define LIST_LENGTH ((BLENDED + LIST_STEP - 1) / LIST_STEP * LIST_STEP)
 
-// blend_weights: one work-group per texel.
+// blend_weights: one work-group per texel; where VECTOR, per so many of them.
 //   The rays whose cosine with the texel's direction is above `least`, in their order, and their
 //   weights: the cosine itself, or the power of it that distances are weighed by where `sharp`.
 // lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
@@ -24,6 +27,32 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
                             __global float *list_weights, __local float *staged,
                             __local float *cosines, __local uint *counted)
 {
+#if VECTOR
+    // One vector of the group computes, the others end at once: more groups, more even shares.
+    const int texel = (int)get_group_id(0) * VECTOR + (int)get_local_id(0);
+    if (get_local_id(0) >= VECTOR || texel >= side * side)
+        return;
+    const float3 towards = texel_direction(texel, side);
+    const float east = towards.x, north = towards.y, up = towards.z;
+    __global int *own_rays = list_rays + (size_t)texel * LIST_LENGTH;
+    __global float *own_weights = list_weights + (size_t)texel * LIST_LENGTH;
+    int length = 0;
+    for (int ray = 0; ray < BLENDED; ++ray) {
+        // Not dot(): Intel's compiler makes a call of it for each work-item of a vector.
+        __global const float *d = directions + 3 * (FIXED + ray);
+        const float cosine = east * d[0] + north * d[1] + up * d[2];
+        if (cosine > least) {
+            own_rays[length] = ray;
+            own_weights[length] = sharp ? cosine_power(cosine) : cosine;
+            ++length;
+        }
+    }
+    for (; length % LIST_STEP; ++length) {
+        own_rays[length] = 0;
+        own_weights[length] = 0.0f;
+    }
+    lengths[texel] = length;
+#else
     const size_t item = get_local_id(0), size = get_local_size(0);
     const int texel = get_group_id(0);
     const float3 towards = texel_direction(texel, side);
@@ -83,6 +112,7 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
     }
     if (item == 0)
         lengths[texel] = whole;
+#endif
 }
 
 // The sums of a group.
@@ -92,6 +122,16 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
 // rows in turns are on different ones of 32 banks.
 #define SUM_ROW (LANES + 32 / TEXELS)
 
+// Whether a probe's texels are written, and whether nothing is in them yet.
+inline bool is_written(__global const float4 *probe_data, int probe, bool *fresh)
+{
+    if (probe >= PROBES)
+        return false;
+    const int state = probe_state(probe_data, probe);
+    *fresh = !(state & PROBE_BLENDED);
+    return state & PROBE_ACTIVE;
+}
+
 // Probe and texel that are written k-th, and where their sums lie.
 inline bool writes_for(__global const float4 *probe_data, int texels, int k, int *probe, int *texel,
                        int *at, bool *fresh)
@@ -100,11 +140,7 @@ inline bool writes_for(__global const float4 *probe_data, int texels, int k, int
     *probe = (int)get_group_id(0) / tiles * LANES + k / TEXELS;
     *texel = (int)get_group_id(0) % tiles * TEXELS + k % TEXELS;
     *at = k % TEXELS * SUM_ROW + k / TEXELS;
-    if (*texel >= texels || *probe >= PROBES)
-        return false;
-    const int state = probe_state(probe_data, *probe);
-    *fresh = !(state & PROBE_BLENDED);
-    return state & PROBE_ACTIVE;
+    return *texel < texels && is_written(probe_data, *probe, fresh);
 }
 
 // The first probe and texel of a group.
@@ -114,7 +150,7 @@ inline bool writes_for(__global const float4 *probe_data, int texels, int k, int
 #define PLANE (TEXELS * SUM_ROW)
 
 // blend_irradiance: one work-group per LANES probes and TEXELS texels.
-// sums: local, 3 * PLANE floats.
+// sums: local, 3 * PLANE floats, unless VECTOR.
 __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                                __global const int *list_rays, __global const float *list_weights,
                                __global const float *rays, __global const float *backs,
@@ -128,17 +164,16 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
     const int first = group_probe(IRRADIANCE_TEXELS), begin = group_texel(IRRADIANCE_TEXELS);
     const int end = min(begin + TEXELS, IRRADIANCE_TEXELS);
     __global const float *planes = rays + (size_t)first * (BLENDED * RAY_PLANES);
-    for (int texel = begin; texel < end; ++texel) {
-        __global const int *own_rays = list_rays + texel * LIST_LENGTH;
-        __global const float *own_weights = list_weights + texel * LIST_LENGTH;
-        const int length = lengths[texel];
-        __local float *own_sums = sums + (texel - begin) * SUM_ROW;
-        for (size_t turn = 0; turn < LANES; turn += TEAM) {
-            const size_t lane = turn + item;
+    for (size_t turn = 0; turn < LANES && first + (int)turn < PROBES; turn += TEAM) {
+        const size_t lane = turn + item;
 #if LANES % TEAM
-            if (lane >= LANES)
-                continue;
+        if (lane >= LANES)
+            continue;
 #endif
+        for (int texel = begin; texel < end; ++texel) {
+            __global const int *own_rays = list_rays + texel * LIST_LENGTH;
+            __global const float *own_weights = list_weights + texel * LIST_LENGTH;
+            const int length = lengths[texel];
             float red = 0.0f, green = 0.0f, blue = 0.0f, weights = 0.0f;
             float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f, weights1 = 0.0f;
             for (int i = 0; i < length; i += 2) {
@@ -155,11 +190,24 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                 weights1 += w1 * row1[3 * LANES + lane];
             }
             const float scale = 0.5f / fmax(weights + weights1, LEAST_WEIGHTS);
-            own_sums[lane] = sample_of((red + red1) * scale);
-            own_sums[PLANE + lane] = sample_of((green + green1) * scale);
-            own_sums[2 * PLANE + lane] = sample_of((blue + blue1) * scale);
+            red = sample_of((red + red1) * scale);
+            green = sample_of((green + green1) * scale);
+            blue = sample_of((blue + blue1) * scale);
+#if VECTOR
+            const int probe = first + (int)lane;
+            bool fresh;
+            if (is_written(probe_data, probe, &fresh))
+                update_irradiance(probe, texel, (float3)(red, green, blue), backs[probe], fresh,
+                                  frame_table, irradiance_maps, variability, accepted);
+#else
+            __local float *own_sums = sums + (texel - begin) * SUM_ROW;
+            own_sums[lane] = red;
+            own_sums[PLANE + lane] = green;
+            own_sums[2 * PLANE + lane] = blue;
+#endif
         }
     }
+#if !VECTOR
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int k = (int)item; k < GROUP_SUMS; k += TEAM) {
         int probe, texel, at;
@@ -170,10 +218,11 @@ __kernel void blend_irradiance(VOLUME_PARAMS, __global const int *lengths,
                               backs[probe], fresh, frame_table, irradiance_maps, variability,
                               accepted);
     }
+#endif
 }
 
 // blend_distance: one work-group per LANES probes and TEXELS texels.
-// sums: local, 3 * PLANE floats.
+// sums: local, 3 * PLANE floats, unless VECTOR.
 __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                              __global const int *list_rays, __global const float *list_weights,
                              __global const float *rays, __global const uint *frame_table,
@@ -184,17 +233,16 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
     const int first = group_probe(DISTANCE_TEXELS), begin = group_texel(DISTANCE_TEXELS);
     const int end = min(begin + TEXELS, DISTANCE_TEXELS);
     __global const float *planes = rays + (size_t)first * (BLENDED * RAY_PLANES) + 4 * LANES;
-    for (int texel = begin; texel < end; ++texel) {
-        __global const int *own_rays = list_rays + texel * LIST_LENGTH;
-        __global const float *own_weights = list_weights + texel * LIST_LENGTH;
-        const int length = lengths[texel];
-        __local float *own_sums = sums + (texel - begin) * SUM_ROW;
-        for (size_t turn = 0; turn < LANES; turn += TEAM) {
-            const size_t lane = turn + item;
+    for (size_t turn = 0; turn < LANES && first + (int)turn < PROBES; turn += TEAM) {
+        const size_t lane = turn + item;
 #if LANES % TEAM
-            if (lane >= LANES)
-                continue;
+        if (lane >= LANES)
+            continue;
 #endif
+        for (int texel = begin; texel < end; ++texel) {
+            __global const int *own_rays = list_rays + texel * LIST_LENGTH;
+            __global const float *own_weights = list_weights + texel * LIST_LENGTH;
+            const int length = lengths[texel];
             float mean[LIST_STEP], square[LIST_STEP], weights = 0.0f;
 #pragma unroll
             for (int k = 0; k < LIST_STEP; ++k)
@@ -209,11 +257,23 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
                     weights += w;
                 }
             }
-            own_sums[lane] = (mean[0] + mean[1]) + (mean[2] + mean[3]);
-            own_sums[PLANE + lane] = (square[0] + square[1]) + (square[2] + square[3]);
+            const float sum = (mean[0] + mean[1]) + (mean[2] + mean[3]);
+            const float squares = (square[0] + square[1]) + (square[2] + square[3]);
+#if VECTOR
+            const int probe = first + (int)lane;
+            bool fresh;
+            if (is_written(probe_data, probe, &fresh))
+                update_distance(probe, texel, (float2)(sum, squares), weights, fresh, frame_table,
+                                distance_maps);
+#else
+            __local float *own_sums = sums + (texel - begin) * SUM_ROW;
+            own_sums[lane] = sum;
+            own_sums[PLANE + lane] = squares;
             own_sums[2 * PLANE + lane] = weights;
+#endif
         }
     }
+#if !VECTOR
     barrier(CLK_LOCAL_MEM_FENCE);
     for (int k = (int)item; k < GROUP_SUMS; k += TEAM) {
         int probe, texel, at;
@@ -222,4 +282,5 @@ __kernel void blend_distance(VOLUME_PARAMS, __global const int *lengths,
             update_distance(probe, texel, (float2)(sums[at], sums[PLANE + at]),
                             sums[2 * PLANE + at], fresh, frame_table, distance_maps);
     }
+#endif
 }

@@ -1,7 +1,8 @@
 // Probe update for devices that run work-items in lockstep: a work-group per probe and part of its
 // samples, neighbours on neighbouring coefficients; a second kernel adds the parts' sums up.
 // Macros: SAMPLES (relight samples), CHUNK (samples of a part, held in local memory), COEFFICIENTS,
-// TEAM (the work-group's size).
+// TEAM (work-items of a group that compute), STAGED=0 where a CPU makes vectors of work-items: one of
+// them then has all coefficients and reads each radiance where it lies.
 #include "srp/relit.cl"
 
 #define PARTS ((SAMPLES + CHUNK - 1) / CHUNK)
@@ -27,6 +28,8 @@
 // All work-items gather the radiance of the samples into local memory, one plane per channel; then
 // each sums a coefficient, or several. Where a group has room for several rows of coefficients, these share the
 // samples, and their sums are added up; one with less work-items than coefficients takes them in turns.
+// Not STAGED, each radiance is read once for all coefficients by all work-items at once, and there is
+// neither local memory nor a barrier.
 // OCCLUDERS=1, where something moves: what a blocked ray sees is in `blocked` (srp/blocked_rays.cl).
 //   updated      how many probes are updated, and these
 //   source       (probes, SAMPLES) entry of `radiance` each ray sees
@@ -47,6 +50,7 @@ __kernel void probe_update(__global const int *updated, __global const int *sour
     __global const int *rays = source + (size_t)probe * SAMPLES;
     __global const float *y = basis + (size_t)first * COEFFICIENTS;
     __global float *out = sums + (size_t)get_group_id(0) * (3 * COEFFICIENTS);
+#if STAGED
     __local float *red = gathered, *green = gathered + CHUNK, *blue = gathered + 2 * CHUNK;
     for (size_t turn = 0; turn < (size_t)count; turn += TEAM) {
         const size_t i = turn + item;
@@ -58,6 +62,10 @@ __kernel void probe_update(__global const int *updated, __global const int *sour
         }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
+#else
+    if (item >= TEAM)
+        return;
+#endif
 #if SHARES == 1
     for (size_t turn = 0; turn < COEFFICIENTS; turn += TOGETHER * TEAM) {
         const size_t j = turn + item;
@@ -70,12 +78,17 @@ __kernel void probe_update(__global const int *updated, __global const int *sour
         for (int k = 0; k < TOGETHER; ++k)
             r[k] = g[k] = b[k] = 0.0f;
         for (int i = 0; i < count; ++i) {
+#if STAGED
+            const float3 light = (float3)(red[i], green[i], blue[i]);
+#else
+            const float4 light = relit(BLOCKED_ARG radiance, rays, probe, first + i);
+#endif
 #pragma unroll
             for (int k = 0; k < TOGETHER; ++k) {
                 const float value = y[(size_t)(i * COEFFICIENTS + k * TEAM) + j];
-                r[k] += red[i] * value;
-                g[k] += green[i] * value;
-                b[k] += blue[i] * value;
+                r[k] += light.x * value;
+                g[k] += light.y * value;
+                b[k] += light.z * value;
             }
         }
 #pragma unroll
@@ -118,6 +131,8 @@ __kernel void add_parts(__global const int *updated, __global const float *sums,
                         __global float *lambda)
 {
     const size_t item = get_local_id(0);
+    if (item >= TEAM)
+        return;
     __global const float *own = sums + get_group_id(0) * (3 * COEFFICIENTS * PARTS);
     __global float *out = lambda + (size_t)updated[1 + get_group_id(0)] * (3 * COEFFICIENTS);
     for (size_t turn = 0; turn < 3 * COEFFICIENTS; turn += TEAM) {

@@ -34,7 +34,7 @@ from gibench.conform.judge import (
 )
 from gibench.conform.judge import _judged as _judged_command
 from gibench.conform.worker import MARK
-from gibench.device import list_devices
+from gibench.device import Device, list_devices
 from gibench.resources import data
 from gibench.techniques.parts.conformance.case import Bench, Case, off
 
@@ -72,6 +72,21 @@ def test_a_case_runs_the_kernels_that_it_names(name: str, rng: np.random.Generat
     ran = record_kernels()
     assert max(case.check(Bench(list_devices()[0]), rng, case.sizes[-1])) < 1
     assert set(case.kernels) <= ran
+
+
+@pytest.mark.parametrize(
+    "name",
+    [f"{what} (simt)" for what in ("DDGI's blending", "SRP's probe update")]
+    + ["SRP's projection and transport (simt)"],
+)
+def test_kernels_as_a_cpu_gets_them_that_makes_vectors_of_work_items(
+    monkeypatch: pytest.MonkeyPatch, name: str, rng: np.random.Generator
+) -> None:
+    """What ``Device.lanes_together`` changes, where no such runtime is at hand."""
+    monkeypatch.setattr(Device, "lanes_together", property(lambda device: 16))
+    case = cases()[name]
+    for size in case.sizes[-2:]:
+        assert max(case.check(Bench(list_devices()[0]), rng, size)) < 1
 
 
 def test_deviations() -> None:

@@ -143,10 +143,9 @@ class Tuned:
             reads("frame_table", p.frame_table),
             *irradiance_results(p),
         )
-        backs = (reads("rays", self.rays), writes("counts", self._backs))
         return [
             self._weights("irradiance", side, False, 0.0),
-            Launch(self._program(), "backface_counts", backs, items=p.volume.probes),
+            self._backface_counts(),
             self._product("blend_irradiance", args, side),
         ]
 
@@ -177,6 +176,10 @@ class Tuned:
             writes("list_weights", weights),
         )
         return Launch(self._program(), "blend_weights", args, items=side**2)
+
+    def _backface_counts(self) -> Launch:
+        args = (reads("rays", self.rays), writes("counts", self._backs))
+        return Launch(self._program(), "backface_counts", args, items=self.probes.volume.probes)
 
     def _list_args(self, name: str) -> tuple[Argument, ...]:
         lengths, rays, weights = self._lists[name]

@@ -34,6 +34,9 @@ _SAMPLES: Final = 512
 groups."""
 _TILE: Final = 64
 """Receivers of a tile: a multiple of every SIMD width there is."""
+_TILES_TOGETHER: Final = 32
+"""Tiles of a group of the transport where a group is one vector of a CPU: 7590 groups, one each, of
+Sponza's 246,325 receivers take 1.2 times as long."""
 _WHOLE: Final = -1  # kernels_cl/srp/simt_projection.cl
 _ROOM: Final = 16
 """Work-items of the widest vector there is: what those behind a tile's last row or receiver read
@@ -49,6 +52,8 @@ class SimtShape:
         team: those of them that compute.
         each: rows of one of them.
         tile: receivers of a tile, and work-items of a group of the transport.
+        tile_team: those of them that compute.
+        tiles: tiles of a group of the transport.
         together: work-items that are computed in whole vectors only (``Device.lanes_together``).
         update_team: work-items of a group of the probe update.
         samples: of a part of the probe update at most; 0 where local memory holds not even the
@@ -59,6 +64,8 @@ class SimtShape:
     team: int
     each: int
     tile: int
+    tile_team: int
+    tiles: int
     together: int
     update_team: int
     samples: int
@@ -67,16 +74,20 @@ class SimtShape:
     def of(profile: DeviceProfile, workgroup_size: int, together: int = 1) -> SimtShape:
         """What suits a profile, with groups no larger than asked. On a CPU that vectorises over
         work-items one vector of a group projects, whose work-items have two rows each: what all
-        read of the probes' light serves both. The others end at once.
+        read of the probes' light serves both. The others end at once. So it is in the probe
+        update and the transport, where such a group takes several tiles.
         """
         group = min(workgroup_size, max(_TEAM, profile.simd_width))
         update = min(workgroup_size, max(_UPDATE_TEAM, profile.simd_width))
         room = profile.local_memory_bytes // 12 - update
+        tile = min(workgroup_size, max(_TILE, profile.simd_width))
         return SimtShape(
             group=group,
             team=min(group, together) if together > 1 else group,
             each=_EACH if together > 1 else 1,
-            tile=min(workgroup_size, max(_TILE, profile.simd_width)),
+            tile=tile,
+            tile_team=min(tile, together) if together > 1 else tile,
+            tiles=_TILES_TOGETHER if together > 1 else 1,
             together=together,
             update_team=update,
             samples=max(0, min(_SAMPLES, room)),
@@ -86,6 +97,13 @@ class SimtShape:
     def rows(self) -> int:
         """Rows of a tile at most."""
         return self.team * self.each
+
+    def probe_team(self, coefficients: int) -> int:
+        """Work-items of a group of the probe update that compute: one vector where only whole ones
+        do and coefficients fill it, of which each then sums several; else all.
+        """
+        whole = self.together > 1 and coefficients % self.together == 0
+        return self.together if whole and self.together <= self.update_team else self.update_team
 
     def chunk(self, samples: int) -> int:
         """Samples of a part of a probe's, two parts at least."""
@@ -97,7 +115,9 @@ class SimtShape:
 
     def slots(self, receivers: int) -> int:
         """Texels kept of a tile, -1 behind its last receiver."""
-        return min(self.tile, padded(receivers, _ROOM))
+        return padded(
+            min(self.tile, padded(receivers, _ROOM)), self.tile_team if self.together > 1 else 1
+        )
 
 
 @dataclass(frozen=True)
@@ -114,7 +134,7 @@ class SimtTransport:
             several pieces.
         scale: (rows,) float32.
         tiles: (tiles, 6) int32 first word, first row, rows, words of a step, work-items that
-            compute, first texel.
+            compute, first texel; of whole groups, 0 behind the last.
         texel: int32 of the tiles' receivers, each tile's in whole vectors; -1 where there is none.
         reconstruction: stored values: per tile, per component, per pair of light basis vectors,
             its receivers' pairs.
@@ -140,7 +160,7 @@ class SimtSizes:
         probes: probes of all clusters that are not dark.
         projection: values with their padding.
         row_tiles: tiles of rows that are several pieces.
-        tiles: tiles of receivers.
+        tiles: tiles of receivers, of whole groups.
         texels: of tiles, in whole vectors.
         reconstruction: values with their padding.
     """
@@ -179,6 +199,7 @@ class SimtSizes:
             )
         return replace(
             found,
+            tiles=padded(found.tiles, shape.tiles),
             projection=found.projection + 2 * _ROOM,
             reconstruction=found.reconstruction + 2 * _ROOM,
         )
@@ -264,6 +285,7 @@ def pack_simt(bake: SrpBake, texel: Ints, storage: str, shape: SimtShape) -> Sim
     room = np.zeros(2 * _ROOM, storage_dtype(storage))
     projections.append(room)
     reconstructions.append(room)
+    tiles += [(0,) * 6] * (padded(len(tiles), shape.tiles) - len(tiles))
     dtype = storage_dtype(storage)
     return SimtTransport(
         pieces=np.array(pieces, np.int32).reshape(-1, 8),

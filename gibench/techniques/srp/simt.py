@@ -24,7 +24,7 @@ from gibench.techniques.technique import Pass
 
 
 class Simt:
-    """A work-group per probe, per piece of a tile of rows and per tile of receivers.
+    """A work-group per probe, per piece of a tile of rows and per tile of receivers, or several.
 
     Args:
         given: what it is built from.
@@ -121,6 +121,7 @@ class Simt:
 
     def _probe_update(self) -> Sequence[Launch]:
         sizes, shape, held = self.given.sizes, self._shape, self._held
+        team = shape.probe_team(sizes.coefficients)
         if shape.samples < 1:
             profile = self.given.scene.device.profile
             raise CannotRun(
@@ -128,12 +129,13 @@ class Simt:
                 f"memory; profile {profile.name} has {profile.local_memory_bytes:,}",
                 mend="lower --workgroup-size",
             )
-        chunk = shape.chunk(sizes.samples)
+        chunk, staged = shape.chunk(sizes.samples), team == shape.update_team
         defines: dict[str, int | str] = {
             "SAMPLES": sizes.samples,
             "CHUNK": chunk,
             "COEFFICIENTS": sizes.coefficients,
-            "TEAM": shape.update_team,
+            "TEAM": team,
+            "STAGED": int(staged),
             **self.given.blocked_defines,
         }
         program, turns = ProgramSpec("srp/simt_probes.cl", defines), self.given.turns
@@ -144,8 +146,8 @@ class Simt:
             reads("radiance", self.radiance),
             *self.given.blocked_args,
             writes("sums", held["lambda_parts"]),
-            local("gathered", 12 * chunk),
-            local("partial", 12 * shape.update_team),
+            local("gathered", 12 * chunk if staged else 4),
+            local("partial", 12 * team if staged else 4),
         )
         sums = (
             reads("updated", turns.state),
@@ -209,6 +211,9 @@ class Simt:
         defines: dict[str, int | str] = {
             "STORAGE": storage_macro(self.given.storage),
             "FETCHES": int(self._shape.together > 1),
+            "TEAM": self._shape.tile_team,
+            "TILES": self._shape.tiles,
+            "WHOLE": int(self._shape.together > 1),
             **self.given.indirect.macros,
         }
         args = (
@@ -223,7 +228,7 @@ class Simt:
                 ProgramSpec("srp/simt_transport.cl", defines),
                 "irradiance_transport",
                 args,
-                groups=self._held["receiver_tiles"].shape[0],
+                groups=self._held["receiver_tiles"].shape[0] // self._shape.tiles,
                 workgroup_size=self._shape.tile,
             )
         ]
