@@ -8,7 +8,8 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import typer
 
@@ -124,10 +125,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(call([a for a in arguments if a != "--debug"], debug=debug))
 
 
+@cache
+def _command() -> Any:
+    """The command of ``app``: made once, for all calls of a process."""
+    return typer.main.get_command(app)
+
+
 def call(arguments: list[str], *, debug: bool = False) -> int:
     """Run the command line and return its exit code."""
-    command = typer.main.get_command(app)
     try:
+        command = _command()
         with notices(), command.make_context("gibench", arguments) as context:
             command.invoke(context)
             sys.stdout.flush()

@@ -69,8 +69,10 @@ def one_of_each() -> list[Any]:
 @pytest.mark.parametrize("name", one_of_each())
 def test_a_case_runs_the_kernels_that_it_names(name: str, rng: np.random.Generator) -> None:
     case = cases()[name]
+    # 7 divides nothing and is what the kernels' own tests run with: no kernel is compiled anew.
+    size = 7 if 7 in case.sizes else case.sizes[-1]
     ran = record_kernels()
-    assert max(case.check(Bench(list_devices()[0]), rng, case.sizes[-1])) < 1
+    assert max(case.check(Bench(list_devices()[0]), rng, size)) < 1
     assert set(case.kernels) <= ran
 
 

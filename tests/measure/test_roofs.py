@@ -20,6 +20,7 @@ from gibench.profiles import load_profile
 IPHONE, RADEON = load_profile("iphone7"), load_profile("radeon560")
 
 
+@pytest.mark.roofs
 def test_the_machines_roofs_are_plausible() -> None:
     roofs = measure_roofs(replace(IPHONE, memory_budget_bytes=1, max_buffer_bytes=1))
     assert 1 < roofs.triad_gb_per_s < 5000

@@ -46,6 +46,7 @@ from gibench.scene.lightmap.atlas import unwrap
 from gibench.scene.model import Camera, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import Turn
+from gibench.techniques.ddgi import simt_blending
 from gibench.techniques.parts.camera_pass import camera_launch, rendered
 from gibench.techniques.parts.frame_lightmap import FrameLightmap
 from gibench.techniques.parts.frame_scene import FrameScene
@@ -355,6 +356,8 @@ def main(cache: Path, cases: list[Case]) -> None:
     recorded = record_kernels()
     for case in cases:
         suit_simulator(case.width, case.layout)
+        # Of lists of eight rays; each of its work-items reads what all of them have counted.
+        simt_blending._WEIGHTS_GROUP = case.size
         globals()[case.what](case, cache)
     print(*sorted(recorded), sep="\n")
 
