@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from support.shared_builds import share_builds
 
+from gibench.measure.machine import roofs
+
 share_builds()
 
 _SEED = pytest.StashKey[int]()
@@ -96,7 +98,7 @@ def short_roofs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch)
     """
     if not request.node.get_closest_marker("roofs"):
         for name, value in _SHORT_ROOFS.items():
-            monkeypatch.setattr(f"gibench.measure.machine.roofs.{name}", value)
+            monkeypatch.setattr(roofs, name, value)
 
 
 @pytest.hookimpl(wrapper=True)
