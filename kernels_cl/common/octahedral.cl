@@ -24,6 +24,18 @@ inline float3 octahedral_decode(float2 p)
                               p.y + (p.y >= 0.0f ? -fold : fold), z));
 }
 
+// A number from -1 to 1 of 16 bits, the lower ones.
+inline float snorm16(uint bits)
+{
+    return fmax((float)(short)(bits & 0xffffu) / 32767.0f, -1.0f);
+}
+
+// The unit direction of a point of the square in 32 bits: two numbers of 16, x lowest.
+inline float3 octahedral_unpacked(uint bits)
+{
+    return octahedral_decode((float2)(snorm16(bits), snorm16(bits >> 16)));
+}
+
 // The cell of a direction in a grid x grid map: row * grid + column.
 inline int octahedral_cell(float3 d, int grid)
 {

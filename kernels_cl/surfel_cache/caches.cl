@@ -1,8 +1,7 @@
 // What caches hold, and its lookup: incident radiance in spherical harmonics.
 //
-// cache_map   for each texel of the caches' light map, row by row, BANDS^2 coefficients of 4 halves:
-//             red, green, blue, and in the first coefficient CACHE_LIT where there is a cache,
-//             CACHE_DILATED where its neighbours' mean stands, 0 where there is nothing
+// cache_map   for each texel of the caches' light map, row by row, what
+//             surfel_cache/coefficients.cl says
 // cache_grid  the same for each cell of the grid (parts/probe_volume.cl's order, without a scroll)
 // grid        6 floats: the first cell's cache, m, and the spacing, m
 // Macros: BANDS (2 to 4), GRID_X, GRID_Y, GRID_Z, VEC 1.
@@ -11,12 +10,9 @@
 
 #include "common/vec.cl"
 
-#define COEFFICIENTS (BANDS * BANDS)
-#define SH_ORDER (BANDS - 1)
-#include "common/sh.cl"
+#include "surfel_cache/coefficients.cl"
 
-#define CACHE_LIT 1.0f
-#define CACHE_DILATED 0.5f
+#include "common/sh.cl"
 
 #define CACHE_PARAMS                                                               \
     __global const ushort *cache_map, int cache_width, int cache_height,            \

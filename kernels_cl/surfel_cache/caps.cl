@@ -6,16 +6,11 @@
 #include "common/octahedral.cl"
 #include "surfel_cache/links.cl"
 
-inline float snorm16(uint bits)
-{
-    return fmax((float)(short)(bits & 0xffffu) / 32767.0f, -1.0f);
-}
-
 // The basis of a cap, the factor of each band over the first's in it. packed: octahedral direction, two
 // snorm16; weight: the first coefficient over y_0; solid: angle, sr. y: COEFFICIENTS.
 inline void cap_basis(uint packed, float weight, float solid, float *y)
 {
-    const float3 d = octahedral_decode((float2)(snorm16(packed), snorm16(packed >> 16)));
+    const float3 d = octahedral_unpacked(packed);
     const float c = 1.0f - solid / TWO_PI_F;
     const float one = 0.5f * (1.0f + c);
     const float bands[4] = {1.0f, one, one * c, one * (5.0f * c * c - 1.0f) * 0.25f};

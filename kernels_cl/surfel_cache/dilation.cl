@@ -3,8 +3,7 @@
 // In place and free of races: of lit caches everything is only read, of dilated ones the first
 // coefficient's mark is only read and the rest only written.
 
-#define COEFFICIENTS (BANDS * BANDS)
-#define CACHE_LIT 1.0f
+#include "surfel_cache/coefficients.cl"
 
 inline float cache_mark(__global const half *map, size_t texel)
 {

@@ -10,15 +10,13 @@
 #ifndef GIBENCH_SURFEL_LINKS
 #define GIBENCH_SURFEL_LINKS
 
-#define COEFFICIENTS (BANDS * BANDS)
-#define SH_ORDER (BANDS - 1)
+#include "surfel_cache/coefficients.cl"
+
 #include "common/sh.cl"
 #include "surfel_cache/shared_exponent.cl"
 
 #define PROJECTION_STORED 0
 #define PROJECTION_RUNTIME 1
-
-#define CACHE_LIT 1.0f
 
 #if PROJECTION == PROJECTION_STORED
 #define LINK_PARAMS __global const int *link_node, __global const ushort *link_light

@@ -6,13 +6,6 @@
 #include "surfel_cache/caches.cl"
 #include "surfel_cache/shared_exponent.cl"
 
-// What a surfel's place in the map is where it has none.
-
-inline float snorm16(uint bits)
-{
-    return fmax((float)(short)(bits & 0xffffu) / 32767.0f, -1.0f);
-}
-
 // surfel_lighting: one work-item per surfel.
 //   flux = area (pi emission + albedo (direct irradiance + the caches' of the last frame))
 // with shadow rays for the direct part; the caches' part is left out when bounces is 0. Jendersie et
@@ -20,7 +13,7 @@ inline float snorm16(uint bits)
 // flux_scale, a power of two.
 // surfel_place: position, m, and the node that the surfel is (an int); surfel_normal: shading normal,
 // octahedral, two snorm16; surfel_albedo: three times 10 bits; surfel_emission: shared exponent,
-// W/m2/sr; surfel_uv: place in the map over its size, two unorm16.
+// W/m2/sr; surfel_uv: place in the map over its size, two unorm16; NO_PLACE, a macro, where it has none.
 __kernel void surfel_lighting(BVH_PARAMS, LIGHT_PARAMS, CACHE_PARAMS,
                               __global const float4 *surfel_place,
                               __global const uint *surfel_normal,
@@ -35,7 +28,7 @@ __kernel void surfel_lighting(BVH_PARAMS, LIGHT_PARAMS, CACHE_PARAMS,
     const float4 place = surfel_place[i];
     const float3 position = place.xyz;
     const uint packed = surfel_normal[i];
-    const float3 n = octahedral_decode((float2)(snorm16(packed), snorm16(packed >> 16)));
+    const float3 n = octahedral_unpacked(packed);
     float3 irradiance = direct_irradiance(BVH_ARGS, LIGHT_ARGS, position, n, n);
     if (bounces) {
         const Lobe diffuse = lobe_towards(n, DIFFUSE_BANDS);

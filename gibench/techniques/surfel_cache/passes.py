@@ -267,7 +267,7 @@ class FramePasses:
         vectors = s.links // width
         defines: dict[str, Define] = {
             "BANDS": self.settings.sh_bands,
-            "PROJECTION": int(not s.stored),
+            "PROJECTION": f"PROJECTION_{'STORED' if s.stored else 'RUNTIME'}",
             "ENVIRONMENT": int(s.environment),
             "LINKS": s.links,
             "VEC": width,
