@@ -6,7 +6,7 @@
 #define GIBENCH_REFERENCE_SAMPLER
 #include "common/vec_width.cl"
 
-#if VEC == 1
+#if VEC <= 1
 #define VEC_INT_BITS(v) as_int(v)
 #else
 #define VEC_INT_BITS(v) VEC_JOIN(as_int, VEC)(v)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Doubles, Floats, Ints
-from gibench.device import BufferSpec
+from gibench.device import BufferSpec, Define
 from gibench.scene.model import DirectionalLight, Scene, SpotLight
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.techniques.parts.recolouring import Shares
@@ -27,7 +28,11 @@ Words = npt.NDArray[np.uint32]
 Arrays = dict[str, npt.NDArray[Any]]
 
 NO_PLACE: Final = 0xFFFFFFFF
+"""In place of a surfel's place in the map, where it has none."""
 LIT, DILATED = 1.0, 0.5
+"""Marks of a texel of the map: there is a cache; its neighbours' mean stands there."""
+MARK_MACROS: Final[Mapping[str, Define]] = {"CACHE_LIT": LIT, "CACHE_DILATED": DILATED}
+"""Of every program that includes kernels_cl/surfel_cache/coefficients.cl."""
 _Y0: Final = 0.28209479177387814
 # The least half that is not subnormal; what is smaller is stored as 0.
 _LEAST_HALF: Final = 2.0**-14

@@ -39,7 +39,7 @@ from gibench.techniques.parts.macros import (
     tiled_pixels,
 )
 from gibench.techniques.surfel_cache.bake.data import LINK_SCALE, SurfelBake
-from gibench.techniques.surfel_cache.pack import NO_PLACE, Sizes
+from gibench.techniques.surfel_cache.pack import MARK_MACROS, NO_PLACE, Sizes
 from gibench.techniques.surfel_cache.settings import SurfelCacheSettings
 from gibench.techniques.surfel_cache.shared_exponent import SHARED_MACROS
 from gibench.techniques.technique import Pass, Work
@@ -191,7 +191,7 @@ class FramePasses:
     def _cache_defines(self) -> dict[str, Define]:
         x, y, z = self.bake.caches.volume.counts
         bands = self.settings.sh_bands
-        return {"BANDS": bands, "GRID_X": x, "GRID_Y": y, "GRID_Z": z, "VEC": 1}
+        return {"BANDS": bands, "GRID_X": x, "GRID_Y": y, "GRID_Z": z, "VEC": 1, **MARK_MACROS}
 
     def _render_program(self) -> ProgramSpec:
         defines = {**self._cache_defines, **lookup_defines(self.device)}
@@ -272,6 +272,7 @@ class FramePasses:
             "LINKS": s.links,
             "VEC": width,
             **SHARED_MACROS,
+            **MARK_MACROS,
         }
         profile, row = self.device.profile, 12 * s.coefficients
         size = min(self.workgroup_size, max(_LEAST_GROUP, profile.simd_width))
@@ -316,7 +317,9 @@ class FramePasses:
 
     def _dilation(self) -> Sequence[Launch]:
         atlas = self.bake.caches.atlas
-        program = ProgramSpec("surfel_cache/dilation.cl", {"BANDS": self.settings.sh_bands})
+        program = ProgramSpec(
+            "surfel_cache/dilation.cl", {"BANDS": self.settings.sh_bands, **MARK_MACROS}
+        )
         args = (
             updates("cache_map", self.held["cache_map"]),
             integer("width", atlas.width),
