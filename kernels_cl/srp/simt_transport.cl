@@ -59,6 +59,10 @@ __kernel void irradiance_transport(__global const int *tiles,
                 __global const word_t *step = words + (size_t)(c * component_words);
                 float red = 0.0f, green = 0.0f, blue = 0.0f;
                 float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f;
+#if WHOLE && defined(__clang__)
+                // Texels lie anywhere in the map: their lines come while the sums are computed.
+                __builtin_prefetch(indirect + 4 * ((size_t)COMPONENTS * max(at, 0) + c), 1, 3);
+#endif
                 for (int j = 0; j < rows / 2; ++j) {
                     FETCH_AHEAD(step + j * PAIR_WORDS * stride, 2 * CACHE_LINE)
                     const pair_t pair = pair_at(step, j, stride, lane);
