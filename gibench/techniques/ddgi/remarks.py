@@ -10,6 +10,7 @@ from gibench.techniques.ddgi.placement import SPACINGS, make_volume, wanted_prob
 from gibench.techniques.ddgi.settings import DdgiSettings
 from gibench.techniques.job import Job
 from gibench.techniques.parts.free_space import free_space
+from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.parts.rare_light import rare_light
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.parts.unseen_sky import told_of_sky
@@ -41,10 +42,18 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
         )
     if not settings.scrolling:
         bias = (settings.normal_bias + settings.view_bias) * min(volume.spacing)
-        told += told_of_sky("ddgi", scene, volume, bias, "rays and memory", _UNSEEN)
+        reach = _reach(settings, volume)
+        told += told_of_sky("ddgi", scene, volume, bias, "rays and memory", _UNSEEN, reach)
     window = 2 / (1 - settings.hysteresis) - 1
     longer = ", or average longer: --set ddgi.hysteresis=0.995 settles in six times the frames"
     return told + rare_light(space, settings.blended * window, "of a probe", longer)
+
+
+def _reach(settings: DdgiSettings, volume: Volume) -> float:
+    """What a probe's distances are averaged over at the next probe, m."""
+    texel = math.sqrt(4 * math.pi) / settings.distance_texels
+    lobe = 2 * math.sqrt(2 * math.log(2) / max(settings.distance_exponent, 1.0))
+    return max(texel, lobe) * max(volume.spacing)
 
 
 def flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
@@ -54,11 +63,9 @@ def flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """
     settings: DdgiSettings = job.settings
     volume = make_volume(scene, settings)
-    texel = math.sqrt(4 * math.pi) / settings.distance_texels
-    lobe = 2 * math.sqrt(2 * math.log(2) / max(settings.distance_exponent, 1.0))
     return leaking_walls(
         scene,
-        max(texel, lobe) * max(volume.spacing),
+        _reach(settings, volume),
         "over which a probe's distances are averaged at the next probe",
         f"--probes {8 * volume.probes} halves that, with eight times the rays and memory",
     )

@@ -46,18 +46,22 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
         if missed > _MISSED:
             how = "the camera and the surfels' rays" if by_rays else "the camera"
             rays = "" if by_rays else "--set gibs.placement=rays or "
+            given, left = _path(settings, scene, camera, aspect, by_rays)
             told.append(
                 f"{missed:.0%} of the indirect light falls on surfaces that {how} hardly reach; "
-                f"what gets no surfel stays black: {rays}{_path(scene, camera, aspect, by_rays)}"
+                f"what gets no surfel stays black: {rays}{given} leaves {left:.0%}, with more "
+                f"surfels to hold, to trace and to look up"
             )
     if by_rays:
         told += _no_room(settings, scene, camera)
     return told + _rare(job, scene, camera)[0]
 
 
-def _path(scene: Scene, camera: Camera, aspect: float, by_rays: bool) -> str:
-    """Which of the built-in paths shows most of what a camera at rest does not, and what it leaves
-    and costs, in words.
+def _path(
+    settings: GibsSettings, scene: Scene, camera: Camera, aspect: float, by_rays: bool
+) -> tuple[str, float]:
+    """Which of the built-in paths shows most of what a camera at rest does not, and what share of
+    the light it leaves; as typed, with room for the surfels that lie everywhere then.
     """
     left = {}
     for name in (FLIGHT, AROUND):
@@ -67,9 +71,16 @@ def _path(scene: Scene, camera: Camera, aspect: float, by_rays: bool) -> str:
         views = [flight.path.at(share, camera) for share in shares]
         left[name] = 1 - light_in_reach(scene, views, aspect, by_rays)
     best = min(left, key=lambda name: left[name])
-    return (
-        f"--camera-path {best} leaves {left[best]:.0%}, with more surfels to trace and to look up"
-    )
+    given = f"--camera-path {best}"
+    wanted = _TIMES_COVERED * covering_surfels(scene, camera, settings)
+    if by_rays and wanted > settings.recycle_pressure_from * settings.surfels:
+        given += f" --set gibs.surfels={_room_for(wanted, settings)}"
+    return given, left[best]
+
+
+def _room_for(surfels: float, settings: GibsSettings) -> int:
+    """What the setting must be so that rays place so many."""
+    return math.ceil(surfels / settings.recycle_pressure_from / 1000) * 1000
 
 
 def _no_room(settings: GibsSettings, scene: Scene, camera: Camera) -> list[str]:
@@ -80,7 +91,7 @@ def _no_room(settings: GibsSettings, scene: Scene, camera: Camera) -> list[str]:
     if _FEWEST * once <= room:
         return []
     wanted = _TIMES_COVERED * once
-    surfels = math.ceil(wanted / settings.recycle_pressure_from / 1000) * 1000
+    surfels = _room_for(wanted, settings)
     more = (surfels - settings.surfels) * _SURFEL_BYTES / 2**20
     return [
         f"its surfaces take about {wanted:,.0f} surfels, and rays place none beyond {room:,.0f} of "

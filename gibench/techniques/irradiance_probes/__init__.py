@@ -40,7 +40,7 @@ def _remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """Light of a sky that no probe sees."""
     settings: IrradianceProbeSettings = job.settings
     volume = settings.volume(scene)
-    return sky_remarks(IrradianceProbes.name, scene, volume, 0.0)
+    return sky_remarks(IrradianceProbes.name, scene, volume, 0.0, max(volume.spacing))
 
 
 def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:

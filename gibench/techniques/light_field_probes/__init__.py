@@ -17,6 +17,7 @@ from gibench.techniques.parts.captured_probes.technique import (
     probe_sweep,
     sky_remarks,
 )
+from gibench.techniques.parts.probe_volume import Volume
 from gibench.techniques.parts.thin_walls import leaking_walls
 from gibench.techniques.registry import (
     PUBLISHED,
@@ -49,7 +50,15 @@ def _remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
     """Light of a sky that no probe sees."""
     settings: LightFieldProbeSettings = job.settings
     volume = settings.volume(scene)
-    return sky_remarks(LightFieldProbes.name, scene, volume, settings.surface_bias_in(volume))
+    bias = settings.surface_bias_in(volume)
+    return sky_remarks(LightFieldProbes.name, scene, volume, bias, _reach(settings, volume))
+
+
+def _reach(settings: LightFieldProbeSettings, volume: Volume) -> float:
+    """What points are moved by, and a texel of distances covers at the next probe, m."""
+    texel = math.sqrt(4 * math.pi) / settings.map_texels
+    biases = settings.surface_bias_in(volume) + settings.visibility_bias_in(volume)
+    return biases + texel * max(volume.spacing)
 
 
 def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
@@ -57,13 +66,10 @@ def _flaws(job: Job, scene: Scene, camera: Camera) -> list[str]:
     next probe.
     """
     settings: LightFieldProbeSettings = job.settings
-    texel = math.sqrt(4 * math.pi) / settings.map_texels
     volume = settings.volume(scene)
-    biases = settings.surface_bias_in(volume) + settings.visibility_bias_in(volume)
-    reach = biases + texel * max(volume.spacing)
     return leaking_walls(
         scene,
-        reach,
+        _reach(settings, volume),
         "the biases and what a texel of a probe's distances covers at the next probe",
         f"--probes {8 * volume.probes} halves the latter, with eight times the memory",
     )

@@ -16,7 +16,7 @@ from gibench.scene.model import Scene
 from gibench.techniques.parts.free_space import points_on_surfaces
 
 _POINTS: Final = 4096
-_MATTERS: Final = 0.05
+MATTERS: Final = 0.05
 """Share of the surface that must be of such walls: a tile and a leaf are thin, too."""
 
 _MEASURED: dict[tuple[int, ...], Doubles] = {}
@@ -38,6 +38,11 @@ def wall_thickness(scene: Scene) -> Doubles:
 
 def _measure(scene: Scene) -> Doubles:
     points, normals = points_on_surfaces(scene, np.random.default_rng(13), _POINTS)
+    return np.sort(thickness_behind(scene, points, normals))
+
+
+def thickness_behind(scene: Scene, points: Doubles, normals: Doubles) -> Doubles:
+    """As :func:`wall_thickness`, behind points (n, 3) of fronts with ``normals``; (n,), m."""
     lift = surface_offset(scene)
     # From a little in front: the back of a two-sided sheet may lie right behind, its own front not
     # be met a second time.
@@ -61,7 +66,7 @@ def _measure(scene: Scene) -> Doubles:
             break
         start = (place[~leaves] - lift * normals[left]).astype(np.float32)
         hits = scene_tracer(scene).closest(start, (-normals[left]).astype(np.float32))
-    return np.sort(np.maximum(thickness, 0.0))
+    return np.maximum(thickness, 0.0)
 
 
 def leaking_walls(scene: Scene, reach: float, why: str, mend: str) -> list[str]:
@@ -74,7 +79,7 @@ def leaking_walls(scene: Scene, reach: float, why: str, mend: str) -> list[str]:
         mend: what would be better and what it costs, in words.
     """
     share = float((wall_thickness(scene) < reach).mean())
-    if share <= _MATTERS:
+    if share <= MATTERS:
         return []
     return [
         f"{share:.0%} of the surface is of walls thinner than {reach:.2g} m, {why}: light and "

@@ -15,15 +15,18 @@ from gibench.rays.offset import surface_offset
 from gibench.scene.model import Scene
 from gibench.techniques.parts.free_space import cosine_directions, free_space, points_on_surfaces
 from gibench.techniques.parts.probe_volume import Volume
+from gibench.techniques.parts.thin_walls import MATTERS, thickness_behind
 
 _POINTS: Final = 2048
 _LOOKS: Final = 8  # cosine-distributed rays from each
 
 
 def told_of_sky(
-    technique: str, scene: Scene, volume: Volume, bias: float, cost: str, most: float
+    technique: str, scene: Scene, volume: Volume, bias: float, cost: str, most: float, reach: float
 ) -> list[str]:
-    """That probes miss much of the sky's light, and the volume that would have it.
+    """That probes miss much of the sky's light, and the volume that would have it; where walls
+    between its probes and those inside are thinner than what is looked up reaches, that it would
+    light the inside, too.
 
     Args:
         technique: whose settings ``counts``, ``origin`` and ``spacing`` are.
@@ -32,6 +35,7 @@ def told_of_sky(
         bias: how far off the surface they are looked for, m.
         cost: what grows as the number of probes, in words.
         most: share of all light that may fall where no probe is seen.
+        reach: m through which light that is looked up comes.
     """
     unseen = unseen_sky(scene, volume, bias)
     if unseen <= most:
@@ -43,11 +47,26 @@ def told_of_sky(
         "spacing": ",".join(f"{value:.4g}" for value in larger.spacing),
     }
     given = " ".join(f"--set {technique}.{name}={value}" for name, value in values.items())
+    thin = _thin_inside(scene, volume, bias, reach)
+    leaks = (
+        f", but their sky comes through walls: {thin:.0%} of the surface is inside of ones thinner "
+        f"than {reach:.2g} m, and may get as much light too much; no setting is known to mend both"
+    )
     return [
         f"{unseen:.0%} of the light is the sky's on surfaces that no probe around them sees, as on "
         f"a model's outside, which stay dark: {given} sets probes there, too, with "
-        f"{larger.probes / volume.probes:.1f} times the {cost}"
+        f"{larger.probes / volume.probes:.1f} times the {cost}" + (leaks if thin > MATTERS else "")
     ]
+
+
+def _thin_inside(scene: Scene, volume: Volume, bias: float, reach: float) -> float:
+    """Share of the surface that probes see and behind which, less than ``reach`` m on, a wall ends:
+    a block whose sides are all outside has none.
+    """
+    points, normals = points_on_surfaces(scene, np.random.default_rng(19), _POINTS)
+    origins = points + surface_offset(scene) * normals
+    seen = _seen(scene, volume, origins, normals, bias)
+    return float((seen & (thickness_behind(scene, points, normals) < reach)).mean())
 
 
 def unseen_sky(scene: Scene, volume: Volume, bias: float) -> float:

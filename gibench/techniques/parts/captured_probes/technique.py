@@ -78,9 +78,11 @@ def _changing(known: Known) -> list[BufferSpec]:
     return [] if shares is None else Recolouring.buffers(shares)
 
 
-def sky_remarks(name: str, scene: Scene, volume: Volume, bias: float) -> list[str]:
-    """That probes of technique ``name`` miss much of the sky's light, ``bias`` m off a surface."""
-    return told_of_sky(name, scene, volume, bias, "bake and memory", _UNSEEN)
+def sky_remarks(name: str, scene: Scene, volume: Volume, bias: float, reach: float) -> list[str]:
+    """That probes of technique ``name`` miss much of the sky's light, ``bias`` m off a surface;
+    their light comes through walls of ``reach`` m.
+    """
+    return told_of_sky(name, scene, volume, bias, "bake and memory", _UNSEEN, reach)
 
 
 class CapturedProbeTechnique:
