@@ -49,8 +49,8 @@ def remarks(job: Job, scene: Scene, camera: Camera) -> list[str]:
             given, left = _path(settings, scene, camera, aspect, by_rays)
             told.append(
                 f"{missed:.0%} of the indirect light falls on surfaces that {how} hardly reach; "
-                f"what gets no surfel stays black: {rays}{given} leaves {left:.0%}, with more "
-                f"surfels to hold, to trace and to look up"
+                f"what gets no surfel stays black: {rays}{given} shows all but "
+                f"{left:.0%}, with more surfels to hold, to trace and to look up"
             )
     if by_rays:
         told += _no_room(settings, scene, camera)

@@ -66,7 +66,7 @@ def thickness_behind(scene: Scene, points: Doubles, normals: Doubles) -> Doubles
             break
         start = (place[~leaves] - lift * normals[left]).astype(np.float32)
         hits = scene_tracer(scene).closest(start, (-normals[left]).astype(np.float32))
-    return np.maximum(thickness, 0.0)
+    return np.asarray(np.maximum(thickness, 0.0))
 
 
 def leaking_walls(scene: Scene, reach: float, why: str, mend: str) -> list[str]:
