@@ -34,7 +34,7 @@ _SAMPLES: Final = 512
 groups."""
 _TILE: Final = 64
 """Receivers of a tile: a multiple of every SIMD width there is."""
-_TILES_TOGETHER: Final = 32
+_TILES_TOGETHER: Final = 64
 """Tiles of a group of the transport where a group is one vector of a CPU: 7590 groups, one each, of
 Sponza's 246,325 receivers take 1.2 times as long."""
 _WHOLE: Final = -1  # kernels_cl/srp/simt_projection.cl
