@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import hypothesis
 import numpy as np
 import pytest
 from support.shared_builds import share_builds
@@ -22,6 +23,9 @@ from support.shared_builds import share_builds
 from gibench.measure.machine import roofs
 
 share_builds()
+# An example is never too slow: on a busy machine every one is.
+hypothesis.settings.register_profile("suite", deadline=None)
+hypothesis.settings.load_profile("suite")
 
 _SEED = pytest.StashKey[int]()
 _TREE = pytest.StashKey[tuple[int, ...]]()
