@@ -117,7 +117,7 @@ def _scene_in_words(job: Job, scene: Scene) -> str:
     compared, and a history's series, goes by it.
     """
     if not is_file(job.scene):
-        return scene.name
+        return job.scene
     return f"{printable(Path(job.scene).name)} ({scene.content_hash()[:8]})"
 
 
