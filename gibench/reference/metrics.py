@@ -227,6 +227,10 @@ def _flip_exposures(bright: Array) -> tuple[float, float]:
     return float(np.log2(most / brightest)), float(np.log2(most / median))
 
 
+_SSIM_WINDOW = 11
+"""Pixels across of the Gaussian of SSIM (Wang et al. 2004, section III.C)."""
+
+
 def ssim(
     result: Array,
     reference: Array,
@@ -241,9 +245,14 @@ def ssim(
     Arguments and errors as :func:`flip`; the exposure as in :func:`lab_l_mse`. 1 is no difference.
 
     Raises:
-        CannotRun: scikit-image is not installed.
+        CannotRun: scikit-image is not installed, or the image is smaller than its window.
     """
     x, y, s = _images(result, reference, stderr)
+    if min(x.shape[:2]) < _SSIM_WINDOW:
+        raise CannotRun(
+            f"SSIM needs images of {_SSIM_WINDOW} x {_SSIM_WINDOW} pixels and more",
+            where=f"{x.shape[1]} x {x.shape[0]}",
+        )
     factor = default_exposure(y) if exposure is None else exposure
     seen, noisy = lightness(y, factor), lightness(_noisy(y, s, seed), factor)
     area = _all(mask, x)

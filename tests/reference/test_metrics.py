@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gibench.errors import BadInput
+from gibench.errors import BadInput, CannotRun
 from gibench.reference import metrics
 from gibench.reference.metrics import Measure
 
@@ -161,6 +161,8 @@ def test_ssim_by_hand():
     assert found.perfect == 1 and not found.is_none
     same = metrics.ssim(image(), image(), 0.01 * image())
     assert same.value == pytest.approx(1) and same.is_none
+    with pytest.raises(CannotRun, match="16 x 9: SSIM needs images of 11 x 11 pixels and more"):
+        metrics.ssim(first[:9], second[:9], np.zeros_like(first[:9]))
 
 
 def test_dark_scenes():

@@ -165,7 +165,8 @@ def _gloss(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]
     technique.device.write(technique.probes.lobes, np.concatenate(rows))
     found = technique.images()["indirect only"].reshape(-1, 3)
     expected, certain = expected_image(technique, scene, _PIXELS)
-    yield at_least(float(certain.mean()), 0.02)
+    # A camera may look at little that is certain: some pixels are enough, each is compared.
+    yield at_least(float(certain.sum()), 8)
     yield off(found[certain], expected[certain], *IMAGE)
 
 

@@ -97,9 +97,9 @@ def off(found: Array, expected: Array, relative: float = 0.0, absolute: float = 
     return float(np.where(np.isnan(share), np.inf, share).max())
 
 
-def at_least(share: float, least: float) -> float:
-    """Above 1 where fewer than ``least`` of the cases could be compared: nothing was tested."""
-    return 0.0 if share >= least else float("inf")
+def at_least(compared: float, least: float) -> float:
+    """Above 1 where less than ``least``, a share or a number, could be compared."""
+    return 0.0 if compared >= least else float("inf")
 
 
 def run(device: Device, launches: Sequence[Launch], size: int) -> None:
