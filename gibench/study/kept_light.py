@@ -29,7 +29,13 @@ from gibench.device.build import vector_width
 from gibench.files import write_whole
 from gibench.resources import data
 from gibench.scene.lightmap import Lightmap
-from gibench.study.settle import Settled, SettleOptions, refuse_motion, settle
+from gibench.study.settle import (
+    Settled,
+    SettleOptions,
+    refuse_motion,
+    settle,
+    settled_remark,
+)
 from gibench.study.site import Site
 from gibench.techniques.job import Job
 from gibench.techniques.registry import BakeContext, TechniqueSpec, find_technique, techniques
@@ -82,13 +88,12 @@ class SettledLight:
 
     def remark(self) -> str:
         """What a reader must know of it; empty where it stood still, at rest."""
-        moved = ""
-        if not self.settled:
-            moved = (
-                f"not settled after {self.frames} frames: the mean irradiance still moved by "
-                f"{100 * self.change:+.2g} % while they doubled"
-            )
-        return "; ".join(filter(None, (moved, self.unrested)))
+        return settled_remark(
+            settled=self.settled,
+            frames=self.frames,
+            change=self.change,
+            unrested=self.unrested,
+        )
 
 
 def settled_light(

@@ -24,7 +24,7 @@ from gibench.scene.model import Scene
 from gibench.study.errors import METRICS, Truth, errors, errors_among
 from gibench.study.flat import FlatChart, flat_charts, flat_errors
 from gibench.study.regions import WHOLE
-from gibench.study.settle import Settled, SettleOptions
+from gibench.study.settle import Settled, SettleOptions, settled_remark
 from gibench.techniques.job import Job
 from gibench.techniques.registry import declared_counts
 
@@ -150,7 +150,12 @@ def rows_of(
         "settled": settled.settled,
         "change": settled.change,
         "status": OK,
-        "reason": "; ".join(filter(None, (_unsettled(settled), settled.unrested))),
+        "reason": settled_remark(
+            settled=settled.settled,
+            frames=settled.frames,
+            change=settled.change,
+            unrested=settled.unrested,
+        ),
         "rest": settled.rest,
         "frames_to_rest": settled.frames_to_rest,
         "ms_to_rest": settled.ms_to_rest,
@@ -282,12 +287,3 @@ def refused(
     status = SKIPPED if isinstance(error, CannotRun) else FAILED
     keys = _keys(job, group, options, name)
     return {**keys, "region": WHOLE, "status": status, "reason": without_paths(str(error))}
-
-
-def _unsettled(settled: Settled) -> str:
-    if settled.settled:
-        return ""
-    return (
-        f"not settled after {settled.frames} frames: the mean irradiance still moved by "
-        f"{100 * settled.change:+.2g} % while they doubled"
-    )

@@ -173,6 +173,21 @@ def settle(
         return settled
 
 
+def settled_remark(*, settled: bool, frames: int, change: float, unrested: str) -> str:
+    """What a reader must know of light that was run for ``frames``, and moved by the share
+    ``change`` (NaN: too few to tell) while they doubled; empty where it stood still, at rest.
+    """
+    moved = ""
+    if not settled:
+        moved = f"not settled after {frames} frames"
+        moved += (
+            ", too few to tell"
+            if np.isnan(change)
+            else f": the mean irradiance still moved by {100 * change:+.2g} % while they doubled"
+        )
+    return "; ".join(filter(None, (moved, unrested)))
+
+
 def refuse_motion(shot: Shot) -> None:
     """Refuse objects that move on: nothing settles, and there is no truth to settle on.
 

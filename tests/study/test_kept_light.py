@@ -16,7 +16,7 @@ from gibench.profiles import load_profile
 from gibench.study import kept_light, run_errors
 from gibench.study.kept_light import light_key, settled_light, within_limits
 from gibench.study.run_errors import QuickTruth
-from gibench.study.settle import Settled, SettleOptions
+from gibench.study.settle import Settled, SettleOptions, settled_remark
 from gibench.study.site import Site
 from gibench.techniques.job import Job, Shot
 from gibench.techniques.registry import find_technique
@@ -201,3 +201,14 @@ def test_limits_are_found_where_they_are_asked_for(site: Site) -> None:
     with pytest.raises(CannotRun):
         other = replace(mine, profile=tight)
         settled_light(other, OPTIONS, site, Worker(), within=within_limits(other))
+
+
+def test_remarks_on_light_that_did_not_settle() -> None:
+    one = {"settled": False, "frames": 8, "unrested": "not at rest after 8 frames"}
+    assert settled_remark(change=0.02, **one) == (
+        "not settled after 8 frames: the mean irradiance still moved by +2 % while they doubled; "
+        "not at rest after 8 frames"
+    )
+    few = settled_remark(change=float("nan"), **one)
+    assert few == "not settled after 8 frames, too few to tell; not at rest after 8 frames"
+    assert settled_remark(settled=True, frames=8, change=0.0, unrested="") == ""
