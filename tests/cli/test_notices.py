@@ -61,7 +61,7 @@ def test_a_warning_of_a_library_is_told_in_our_words(
             warnings.warn("odd\n data", UserWarning, stacklevel=1)
         return []
 
-    monkeypatch.setattr("gibench.scene.builtin.names", names)
+    monkeypatch.setattr("gibench.commands.listings.names", names)
     assert main.call(["scenes"]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line == "gibench: warning: odd data (UserWarning of a library)"

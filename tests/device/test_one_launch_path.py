@@ -60,4 +60,4 @@ def test_no_kernel_is_edited_to_count_rays() -> None:
         for path in kernels.rglob("*.cl")
         if "RAY_COUNTS" in path.read_text(encoding="utf-8")
     }
-    assert users == {"common/bvh.cl", "common/bvh_packet.cl"}
+    assert users == {"common/bvh.cl"}

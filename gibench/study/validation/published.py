@@ -142,6 +142,10 @@ def _passes(sizes: Sizes) -> list[tuple[str, Sizes]]:
     return [(name, sizes) for name in names]
 
 
+_COMPONENTS = 1
+"""Of the light at a receiver: the papers' kernels have no more."""
+
+
 def request(name: str, sizes: Sizes, profile: DeviceProfile) -> TraceRequest:
     """The launch of a pass: our published kernel on made-up data of these sizes."""
     make = {"probe_update": _probe_update, "cluster_projection": _projection}.get(name, _transport)
@@ -198,7 +202,7 @@ def _projection(sizes: Sizes, profile: DeviceProfile) -> TraceRequest:
         TracedArgument("rows", np.int32(rows)),
         TracedArgument("basis", np.zeros((rows, 3), np.float32), 0, True),
     ]
-    defines = {"STORAGE": _storage(sizes)}
+    defines = {"STORAGE": _storage(sizes), "COMPONENTS": _COMPONENTS}
     file = "srp/published_transport.cl"
     return _request(file, "cluster_projection", defines, args, -(-rows // _GROUP), profile)
 
@@ -220,7 +224,7 @@ def _transport(sizes: Sizes, profile: DeviceProfile) -> TraceRequest:
         TracedArgument("indirect", np.zeros((sizes.receivers, 4), np.float32), 0, True),
     ]
     groups = -(-sizes.receivers // _GROUP)
-    defines = {"STORAGE": _storage(sizes)}
+    defines = {"STORAGE": _storage(sizes), "COMPONENTS": _COMPONENTS}
     return _request(
         "srp/published_transport.cl", "irradiance_transport", defines, args, groups, profile
     )
