@@ -99,9 +99,7 @@ def explain(
     if not files and (alien := next((name for name in own if given[name]), None)):
         raise BadInput(
             f"--{alien} is for a kernel of your own",
-            mend="techniques are projected by 'gibench run --project'"
-            if alien == "project"
-            else "add --kernel FILE.cl:NAME",
+            mend="add --kernel FILE.cl:NAME; 'gibench run --project' projects techniques",
         )
     devices = machine_profiles(asked.several(project))
     rows: list[Row] = []
@@ -122,7 +120,7 @@ def explain(
             () if items is None else sides_of(str(items), "--items"),
         )
         device, macros = Device(profile, cl_device), defines_of(asked.several(define))
-        requests = [own_request(device, *each, arg, extent, macros) for each in files]
+        requests = [own_request(device, file, name, arg, extent, macros) for file, name in files]
     folder = asked.folder_for(out, "explain", [profile.name], arguments)
     folder.write_record({"schema_version": SCHEMA_VERSION, "arguments": arguments})
     for request in requests:

@@ -6,7 +6,6 @@
 #include "common/vec.cl"
 #include "common/bvh.cl"
 
-
 // lightmap_uvs  (t, 6) the triangles' corners in texels, (0.5, 0.5) the centre of texel 0; all
 //               negative where a triangle has no place in the atlas
 // irradiance    the lightmap that is looked up

@@ -1,10 +1,9 @@
-// Where rays start.
+// Where rays start. RAY_SCALE is what lengths of our own are multiplied with in scenes of millimetres
+// (gibench/rays/offset.py).
 #ifndef GIBENCH_SAMPLING
 #define GIBENCH_SAMPLING
 
 #include "common/vec.cl"
-
-// What lengths of our own are multiplied with in scenes of millimetres (gibench/rays/offset.py).
 
 // One coordinate moved 256 units in the last place along the normal, or by a fixed step near 0.
 inline float offset_coordinate(float p, float n)

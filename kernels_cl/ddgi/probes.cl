@@ -105,8 +105,6 @@ inline void group_sum(float *value, uint *count, __local float *values, __local 
     *count = counts[0];
 }
 
-// Texels each work-item of variability_sums adds up.
-
 // variability_sums: one work-item per SUM_ITEMS texels.
 //   Per group: the sum over active, blended probes' coefficients of variation, and their number.
 __kernel void variability_sums(__global const float4 *probe_data,

@@ -8,16 +8,11 @@
 // work-items (VECTOR of them, else 0), these exchange nothing, which costs such a device more than it
 // saves: each writes what it has summed, and makes a texel's list by itself. No local memory is used
 // then. Macros: LANES, TEXELS, TEAM (the work-group's size in the products), LISTED (rays at a time as
-// lists are made), VECTOR.
-#include "ddgi/rays.cl"
-#include "ddgi/texel.cl"
-
-#define LIST_STEP 4
-#define LIST_LENGTH ((BLENDED + LIST_STEP - 1) / LIST_STEP * LIST_STEP)
+// lists are made), VECTOR, and that of ddgi/lists.cl.
+#include "ddgi/lists.cl"
 
 // blend_weights: one work-group per texel; where VECTOR, per so many of them.
-//   The rays whose cosine with the texel's direction is above `least`, in their order, and their
-//   weights: the cosine itself, or the power of it that distances are weighed by where `sharp`.
+//   The list of each (ddgi/lists.cl).
 // lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
 // Neighbours compute neighbouring rays' cosines; then each counts a run of them and finds their
 // places, behind those of the runs before. staged: 3 * LISTED floats; cosines: LISTED; counted: a word
@@ -32,26 +27,7 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
     const int texel = (int)get_group_id(0) * VECTOR + (int)get_local_id(0);
     if (get_local_id(0) >= VECTOR || texel >= side * side)
         return;
-    const float3 towards = texel_direction(texel, side);
-    const float east = towards.x, north = towards.y, up = towards.z;
-    __global int *own_rays = list_rays + (size_t)texel * LIST_LENGTH;
-    __global float *own_weights = list_weights + (size_t)texel * LIST_LENGTH;
-    int length = 0;
-    for (int ray = 0; ray < BLENDED; ++ray) {
-        // Not dot(): Intel's compiler makes a call of it for each work-item of a vector.
-        __global const float *d = directions + 3 * (FIXED + ray);
-        const float cosine = east * d[0] + north * d[1] + up * d[2];
-        if (cosine > least) {
-            own_rays[length] = ray;
-            own_weights[length] = sharp ? cosine_power(cosine) : cosine;
-            ++length;
-        }
-    }
-    for (; length % LIST_STEP; ++length) {
-        own_rays[length] = 0;
-        own_weights[length] = 0.0f;
-    }
-    lengths[texel] = length;
+    lengths[texel] = make_list(texel, side, sharp, least, directions, list_rays, list_weights);
 #else
     const size_t item = get_local_id(0), size = get_local_size(0);
     const int texel = get_group_id(0);

@@ -4,17 +4,12 @@
 // All probes share a frame's ray directions, so a texel's weights are computed once, not once per
 // probe. They are kept as lists of the rays that count: half of them for irradiance, about a
 // seventh for distance. A work-item blends one texel of VEC probes at once, which lie beside each
-// other (ddgi/rays.cl). Macros: VEC, LANES (a multiple of VEC).
+// other (ddgi/rays.cl). Macros: VEC, LANES (a multiple of VEC), and that of ddgi/lists.cl.
 #include "common/vec_width.cl"
-#include "ddgi/rays.cl"
-#include "ddgi/texel.cl"
-
-// Entries of a list are added in fours; lists are filled up with rays of weight 0.
-#define LIST_LENGTH ((BLENDED + LIST_STEP - 1) / LIST_STEP * LIST_STEP)
+#include "ddgi/lists.cl"
 
 // blend_weights: one work-item per texel.
-//   The rays whose cosine with the texel's direction is above `least`, and their weights: the cosine
-//   itself, or the power of it that distances are weighed by where `sharp`.
+//   The list of each (ddgi/lists.cl).
 // lengths: (texels,), multiples of LIST_STEP. list_rays, list_weights: (texels, LIST_LENGTH).
 __kernel void blend_weights(__global const float *directions, int side, int sharp,
                             float least, __global int *lengths, __global int *list_rays,
@@ -23,23 +18,7 @@ __kernel void blend_weights(__global const float *directions, int side, int shar
     const int texel = get_global_id(0);
     if (texel >= side * side)
         return;
-    const float3 towards = texel_direction(texel, side);
-    __global int *own_rays = list_rays + texel * LIST_LENGTH;
-    __global float *own_weights = list_weights + texel * LIST_LENGTH;
-    int length = 0;
-    for (int ray = 0; ray < BLENDED; ++ray) {
-        const float cosine = dot(towards, load3(directions, FIXED + ray));
-        if (cosine > least) {
-            own_rays[length] = ray;
-            own_weights[length] = sharp ? cosine_power(cosine) : cosine;
-            ++length;
-        }
-    }
-    for (; length % LIST_STEP; ++length) {
-        own_rays[length] = 0;
-        own_weights[length] = 0.0f;
-    }
-    lengths[texel] = length;
+    lengths[texel] = make_list(texel, side, sharp, least, directions, list_rays, list_weights);
 }
 
 // Which work-item this is: a texel of VEC probes from `probe` on; false past the end.

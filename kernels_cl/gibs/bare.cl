@@ -22,8 +22,8 @@ inline uint coverage_steps(float coverage)
 #define BARE_PARAMS
 #endif
 
-// A number for each ray, one to one, in an order that changes with the frame.
-// KEY_INVERSE times KEY_FACTOR is 1 modulo 2^32.
+// A number for each ray, one to one, in an order that changes with the frame: KEY_INVERSE times KEY_FACTOR
+// is 1 modulo 2^32.
 inline uint key_mask(__global const uint *frame)
 {
     return random_words(frame[FRAME_SEED], frame[FRAME_NUMBER], 0xba4eu).x;

@@ -13,8 +13,9 @@
 
 #define TILE_PIXEL_COUNT (PLACEMENT_TILE * PLACEMENT_TILE)
 
-// coverage: one work-group per tile of PLACEMENT_TILE x PLACEMENT_TILE pixels. Finds the tile's least covered pixel by one
-// atomic minimum over words that hold the coverage above the pixel's number in the tile.
+// coverage: one work-group per tile of PLACEMENT_TILE x PLACEMENT_TILE pixels. Finds the tile's least
+// covered pixel by one atomic minimum over words that hold the coverage above the pixel's number in
+// the tile.
 // least: (tiles,) that word; NO_PIXEL where the tile shows no surface.
 __kernel void coverage(__global const float4 *g_position, __global const float4 *indirect,
                        int width, int height, __global uint *least)

@@ -14,7 +14,6 @@
 #include "common/shade.cl"
 #include "parts/gbuffer.cl"
 
-
 // application: one work-item per PIXELS pixels in a row of the tiled order (common/pixels.cl).
 //   radiance = direct light + albedo / pi irradiance looked up
 // image: (height, width, 3) W/m2/sr; parts/camera.cl has left the direct light in it, which counts with

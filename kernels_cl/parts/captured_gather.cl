@@ -18,7 +18,6 @@
 #ifndef GIBENCH_CAPTURED_GATHER
 #define GIBENCH_CAPTURED_GATHER
 
-
 #include "parts/octahedral_maps.cl"
 #include "parts/probe_volume.cl"
 #if LOBE_STEPS

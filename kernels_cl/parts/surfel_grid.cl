@@ -15,7 +15,8 @@
 #include "common/vec.cl"
 
 // packed: eleven rows of PACKED_STRIDE floats, an entry of the grid's lists per column:
-// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries, room for one vector, PACKED_PADDING.
+// position, normal, 1 / radius, irradiance, least mean depth. Beyond the entries there is room for one
+// vector, PACKED_PADDING.
 #define PACKED_STRIDE (ENTRIES + PACKED_PADDING)
 #define PACKED_RADIUS 6
 #define PACKED_IRRADIANCE 7

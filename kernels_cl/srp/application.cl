@@ -10,7 +10,6 @@
 #include "common/normal_map.cl"
 #include "common/shade.cl"
 
-
 #if GLOSS
 #include "common/ggx.cl"
 #include "common/gloss.cl"

@@ -15,20 +15,20 @@
 //               receiver, then one per direction cell, then a row of HIDDEN and one of UNDECIDED
 // Every kernel runs with work-groups of one work-item that does a block of samples: PoCL keeps the
 // private arrays of a whole work-group on one thread's stack.
-// Macros: BLOCK, samples of a work-item; HIDDEN, UNDECIDED, two of the three values; VEC, SH_ORDER, GRID (cells along one side of a probe's octahedral map, or 0:
-// no tables, every pair is UNDECIDED); COMPONENTS of the light at a receiver (1; 4 for order 1, see
-// gibench/techniques/srp/bake/data.py).
+// Macros: BLOCK, samples of a work-item; HIDDEN, UNDECIDED, two of the three values; VEC, SH_ORDER,
+// GRID (cells along one side of a probe's octahedral map, or 0: no tables, every pair is UNDECIDED);
+// COMPONENTS of the light at a receiver (1; 4 for order 1, see gibench/techniques/srp/bake/data.py).
 #include "common/vec.cl"
 #include "common/vec_width.cl"
 #include "common/sh.cl"
 #include "common/octahedral.cl"
 
-
 // One primary ray per sample (Bennett 2019, 5.6.2); a work-item is (block of samples, receiver).
 // The direction is distributed about the receiver's normal by what weighs radiance in its irradiance
 // there: the cosine; in order 1 what that makes of it, 1/4 + cosine / 2, by the inverse of its
-// cumulative distribution (c + c^2) / 2. The origin is a point of the surface its texel covers, both from one 4D low-discrepancy point rotated per receiver (Cranley and Patterson
-// 1976). The azimuth's rotation is done by the sums of angles, so that no trigonometry is left:
+// cumulative distribution (c + c^2) / 2. The origin is a point of the surface its texel covers, both
+// from one 4D low-discrepancy point rotated per receiver (Cranley and Patterson 1976). The azimuth's
+// rotation is done by the sums of angles, so that no trigonometry is left:
 // points [S][8] holds u0, cos(2 pi u1), sin(2 pi u1), u2, u3 and padding, rotations [n][8] likewise.
 // A direction that points below the very triangle it starts on leads into the solid: such a
 // sample is invalid.

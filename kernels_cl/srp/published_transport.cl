@@ -3,7 +3,6 @@
 #include "common/vec.cl"
 #include "srp/storage.cl"
 
-
 // A cluster's row of `clusters`, CLUSTER_INTS ints.
 #define CLUSTER_INTS 5
 #define FIRST_ROW 0         // of the light basis vectors

@@ -1,7 +1,8 @@
 // Cluster projection for devices that run work-items in lockstep: a work-item per row, neighbours on
 // neighbouring rows, no barrier and no local memory.
 // Macros: STORAGE, FETCHES (srp/storage.cl), COEFFICIENTS (of a probe), TEAM (work-items of a
-// group that compute), EACH (rows of a work-item, TEAM apart: 1 or 2; a tile has TEAM * EACH rows at most).
+// group that compute), EACH (rows of a work-item, TEAM apart: 1 or 2; a tile has TEAM * EACH rows at most),
+// WHOLE (a slot that there is not).
 //
 // Where clusters are few they fill no GPU, so the columns of a tile are cut into pieces of some probes,
 // a work-group each; a second kernel adds their sums up. Where a tile is one piece, there is nothing to
@@ -21,7 +22,6 @@
 #define FIRST_ROW 5 // of the light basis vectors
 #define ROWS 6      // of the tile
 #define SLOT 7      // in `partial`; WHOLE where the piece is all of its tile
-#define WHOLE (-1)
 
 #define TILE_ROWS (TEAM * EACH)
 

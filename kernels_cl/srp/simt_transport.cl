@@ -1,16 +1,12 @@
 // Irradiance transport for devices that run work-items in lockstep: a work-group per tile of
 // receivers, one each, neighbours on neighbouring values.
 // Macros: STORAGE, FETCHES (srp/storage.cl); COMPONENTS of the light at a receiver; TEAM (work-items of
-// a group that compute); TILES (tiles of a group) and WHOLE=1, where a CPU makes vectors of work-items:
+// a group that compute); TILES (tiles of a group) and VECTOR=1, where a CPU makes vectors of work-items:
 // one of them computes then and takes a tile's receivers in turns, as many small groups cost more
 // than what they compute.
 #define VEC 1
 #include "common/vec.cl"
 #include "srp/storage.cl"
-
-#ifndef COMPONENTS
-#define COMPONENTS 1
-#endif
 
 // A tile's row of `tiles`, TILE_INTS ints.
 #define TILE_INTS 6
@@ -27,7 +23,7 @@
 //                         reconstruction[j, component][receiver] * basis[j]
 // The reconstruction matrix is transposed within tiles: of each component one pair of light basis
 // vectors after the other (srp/storage.cl), the receivers side by side. A tile is one group's, so
-// that all its work-items loop alike and read the same floats of `basis`. Where WHOLE, work-items behind
+// that all its work-items loop alike and read the same floats of `basis`. Where VECTOR, work-items behind
 // the last receiver read what the next step reads anyway (behind the matrix there is room): no test
 // stands within the loops.
 //   tiles     of whole groups; ITEMS of those behind the last is 0
@@ -49,7 +45,7 @@ __kernel void irradiance_transport(__global const int *tiles,
         const int rows = tile[ROWS], stride = tile[STRIDE], items = tile[ITEMS];
         const int component_words = (rows + 1) / 2 * (PAIR_WORDS * stride);
         for (int first = 0; first < items; first += TEAM) {
-#if !WHOLE
+#if !VECTOR
             if (lane >= (size_t)(items - first))
                 continue;
 #endif
@@ -59,7 +55,7 @@ __kernel void irradiance_transport(__global const int *tiles,
                 __global const word_t *step = words + (size_t)(c * component_words);
                 float red = 0.0f, green = 0.0f, blue = 0.0f;
                 float red1 = 0.0f, green1 = 0.0f, blue1 = 0.0f;
-#if WHOLE && defined(__clang__)
+#if VECTOR && defined(__clang__)
                 // Texels lie anywhere in the map: their lines come while the sums are computed.
                 __builtin_prefetch(indirect + 4 * ((size_t)COMPONENTS * max(at, 0) + c), 1, 3);
 #endif

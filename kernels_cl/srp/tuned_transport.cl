@@ -3,7 +3,6 @@
 #include "common/vec.cl"
 #include "srp/storage.cl"
 
-
 // A block's row of `blocks`, BLOCK_INTS ints.
 #define BLOCK_INTS 3
 #define FIRST_VALUE 0 // in vectors of VEC

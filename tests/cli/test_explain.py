@@ -208,7 +208,7 @@ def bare(folder: Path) -> Path:
         (["--items", "64"], "--items is for a kernel of your own"),
         (
             ["--project", "vega56"],
-            "--project is for a kernel of your own; .* 'gibench run --project",
+            "--project is for a kernel of your own; add .* 'gibench run --project",
         ),
         ([*COLUMNS, "--arg", "n=2", "--group", "8by8"], "--group '8by8' is no size; give for"),
         ([*COLUMNS, "--arg", "n=2", "--group", "8x8"], "--group 8x8 needs the launch's size, too"),

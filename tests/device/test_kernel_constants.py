@@ -11,9 +11,6 @@ PACKAGE = Path(gibench.__file__).parent
 KERNELS = data("kernels_cl")
 # What knows of kernels; elsewhere the same word is another thing.
 ROOMS = ("device", "rays", "reference", "scene", "techniques")
-# Kernels of the layout simt that repeat what the host knows.
-SIMT = {("ddgi/simt_blend.cl", "LIST_STEP"), ("srp/simt_projection.cl", "WHOLE")}
-SIMT_DEFAULTS = {"srp/simt_transport.cl": {"COMPONENTS"}}
 NUMBER = re.compile(r"\(?-?(0[xX][0-9a-fA-F]+|\d[\d.]*([eE][-+]?\d+)?)[fuUlL]*\)?$")
 # By kernel file: names that stand for something else in Python, a field of a row in most.
 OTHERS = {
@@ -92,13 +89,13 @@ def test_no_kernel_defines_what_python_knows() -> None:
         for name in literals(text)
         if name in known
     }
-    assert sorted(both - OTHERS - SIMT) == []
+    assert sorted(both - OTHERS) == []
     assert not OTHERS - both, "no longer so"
 
 
 def test_no_kernel_has_a_default_of_its_own() -> None:
     found = {file: names for file, text in kernel_files().items() if (names := defaults(text))}
-    assert found == SIMT_DEFAULTS
+    assert found == {}
 
 
 def test_these_tests_see_what_they_look_for() -> None:

@@ -357,7 +357,7 @@ def main(cache: Path, cases: list[Case]) -> None:
     for case in cases:
         suit_simulator(case.width, case.layout)
         # Of lists of eight rays; each of its work-items reads what all of them have counted.
-        simt_blending._WEIGHTS_GROUP = case.size
+        simt_blending._GROUP = case.size
         globals()[case.what](case, cache)
     print(*sorted(recorded), sep="\n")
 

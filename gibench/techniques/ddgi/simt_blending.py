@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from gibench.device import Argument, Launch, ProgramSpec, local
-from gibench.techniques.ddgi.blending import Tuned
+from gibench.techniques.ddgi.blending import LIST_STEP, Tuned
 from gibench.techniques.ddgi.probes import Probes
 
 _GROUP: Final = 64
@@ -76,5 +76,6 @@ class Simt(Tuned):
             "TEAM": self._team,
             "LISTED": self._listed,
             "VECTOR": self._vector,
+            "LIST_STEP": LIST_STEP,
         }
         return ProgramSpec("ddgi/simt_blend.cl", defines)

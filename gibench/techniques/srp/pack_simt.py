@@ -37,7 +37,8 @@ _TILE: Final = 64
 _TILES_TOGETHER: Final = 64
 """Tiles of a group of the transport where a group is one vector of a CPU: 7590 groups, one each, of
 Sponza's 246,325 receivers take 1.2 times as long."""
-_WHOLE: Final = -1  # kernels_cl/srp/simt_projection.cl
+WHOLE: Final = -1
+"""Stands for the slot of a piece that is all of its tile, whose sums no other is added to."""
 _ROOM: Final = 16
 """Work-items of the widest vector there is: what those behind a tile's last row or receiver read
 behind the matrix, and texels of whole vectors."""
@@ -260,7 +261,7 @@ def pack_simt(bake: SrpBake, texel: Ints, storage: str, shape: SimtShape) -> Sim
             for start in starts:
                 share = min(at_once, of_cluster - start)
                 at = words + start * of_probe, first_probe + start, share
-                pieces.append((*at, *of_rows, slots if cut else _WHOLE))
+                pieces.append((*at, *of_rows, slots if cut else WHOLE))
                 slots += cut
             words += of_cluster * of_probe
         order = _by_texel(stored, texel)

@@ -17,7 +17,7 @@ from gibench.techniques.srp.common import (
     transport_passes,
 )
 from gibench.techniques.srp.pack import sample_sources
-from gibench.techniques.srp.pack_simt import SimtShape, SimtSizes, pack_simt
+from gibench.techniques.srp.pack_simt import WHOLE, SimtShape, SimtSizes, pack_simt
 from gibench.techniques.srp.probe_light import LambdaLayout
 from gibench.techniques.srp.storage import storage_dtype, storage_macro
 from gibench.techniques.technique import Pass
@@ -175,6 +175,7 @@ class Simt:
             "COEFFICIENTS": self.given.sizes.coefficients,
             "TEAM": shape.team,
             "EACH": shape.each,
+            "WHOLE": WHOLE,
             "FETCHES": int(self._shape.together > 1),
         }
         program = ProgramSpec("srp/simt_projection.cl", defines)
@@ -213,7 +214,7 @@ class Simt:
             "FETCHES": int(self._shape.together > 1),
             "TEAM": self._shape.tile_team,
             "TILES": self._shape.tiles,
-            "WHOLE": int(self._shape.together > 1),
+            "VECTOR": int(self._shape.together > 1),
             **self.given.indirect.macros,
         }
         args = (
