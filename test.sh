@@ -20,6 +20,8 @@ fi
 [ -x .venv/bin/python ] || python3 -m venv .venv
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev,truth,browser,project,history,cluster]'
 PATH="$PWD/.venv/bin:$PATH"
+# Two processes run the tests: threads of NumPy's that wait for work take their time.
+export OPENBLAS_NUM_THREADS=1
 
 if [ -n "$opencl" ]; then
   export PYOPENCL_CTX="$opencl"

@@ -15,6 +15,9 @@ from gibench.work.cluster_worker import TellFacts
 
 _LOG = logging.getLogger(__name__)
 _CONNECT_SECONDS = 10
+_NEAR_SECONDS = "5s"
+"""For a worker on this machine to answer. Whoever asks one for a result as it dies tries so long,
+half a minute as Dask would have it, before another worker computes it again."""
 _ALLOWED_DEATHS = 20
 """Workers that may die while they compute a unit, before it is given up."""
 
@@ -61,12 +64,14 @@ def open_cluster(
     import dask
     from distributed import Client, LocalCluster
 
-    settings = {
+    settings: dict[str, Any] = {
         "distributed.admin.large-graph-warning-threshold": "1 TiB",
         "distributed.scheduler.allowed-failures": _ALLOWED_DEATHS,
         "distributed.nanny.pre-spawn-environ": _ENVIRONMENT,
         "distributed.worker.profile.enabled": False,  # it stops the worker every 10 ms
     }
+    if workers is not None:
+        settings["distributed.comm.timeouts.connect"] = _NEAR_SECONDS
     with ExitStack() as stack, dask.config.set(settings):
         stack.enter_context(_quiet("distributed"))
         if workers is not None:

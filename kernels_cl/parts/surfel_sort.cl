@@ -1,12 +1,14 @@
 // Sorting surfels into the grid: count, (prefix sum: parts/scan.cl,) finalise.
 // Ekberg 2022, section 4.2. Built with CAPACITY (surfels), ENTRIES (room in the lists), the grid's
-// macros (parts/surfel_grid.cl) and PUBLISHED.
+// macros (parts/surfel_grid.cl), PUBLISHED and BY_ENTRY.
 //
 // published: `ends` holds the counts, is scanned into `starts`, is set to it, and becomes the lists'
 //   ends while finalise writes. List of cell c: ids[starts[c]] to ids[ends[c] - 1], in any order.
 // tuned: `counts` is scanned into `starts` (one more word: the total) and counts back to zero while
 //   finalise writes, so that nothing is cleared. List of cell c: ids[starts[c]] to
 //   ids[starts[c + 1] - 1], ascending; beside it `packed` holds what a lookup reads, in list order.
+//   BY_ENTRY 1, in the layout `simt`: finalise writes entries of two words, surfel and cell, which
+//   parts/simt_surfel_lists.cl brings into order; else sort_lists and pack_lists do.
 // An entry that finds no room is dropped; the total tells.
 #include "common/rigid.cl"
 #include "parts/surfel_grid.cl"
@@ -61,12 +63,17 @@ inline void add_to_list(__global const uint *starts, __global uint *cursors, __g
 #else
     const uint slot = starts[cell] + atomic_dec(cursors + cell) - 1;
 #endif
-    if (slot < ENTRIES)
+    if (slot < ENTRIES) {
+#if BY_ENTRY
+        ((__global uint2 *)ids)[slot] = (uint2)(id, (uint)cell);
+#else
         ids[slot] = id;
+#endif
+    }
 }
 
 // finalise: one work-item per surfel alive; writes its ID into the list of every cell it goes into.
-// cursors: `ends` as published, `counts` in the tuned variant.
+// cursors: `ends` as published, `counts` in the tuned variant. ids: BY_ENTRY, the entries.
 __kernel void finalise(__global const uint *frame, __global const float *grid,
                        __global const uint *alive_ids, __global const float *world_position,
                        __global const float *world_normal, __global const float *radii,
@@ -121,7 +128,7 @@ inline void sort_ids(__global uint *ids, uint count)
     }
 }
 
-// sort_lists: one work-item per cell (tuned only). Puts the cell's IDs in ascending order, so that
+// sort_lists: one work-item per cell (tuned, wide). Puts the cell's IDs in ascending order, so that
 // sums over them do not depend on the order in which work-items ran.
 __kernel void sort_lists(__global const uint *starts, __global uint *ids)
 {
@@ -132,7 +139,7 @@ __kernel void sort_lists(__global const uint *starts, __global uint *ids)
     sort_ids(ids + start, end - start);
 }
 
-// pack_lists: one work-item per cell (tuned only). Copies what a lookup reads of the cell's surfels
+// pack_lists: one work-item per cell (tuned, wide). Copies what a lookup reads of the cell's surfels
 // into list order. mean: (3, CAPACITY) irradiance, W/m2. nearest:
 // (CAPACITY,) least mean depth, m.
 __kernel void pack_lists(__global const uint *starts, __global const uint *ids,
@@ -156,7 +163,7 @@ __kernel void pack_lists(__global const uint *starts, __global const uint *ids,
     }
 }
 
-// pack_irradiance: one work-item per cell (tuned only); refreshes in `packed` what the irradiance
+// pack_irradiance: one work-item per cell (tuned, wide); refreshes in `packed` what the irradiance
 // pass has changed.
 __kernel void pack_irradiance(__global const uint *starts, __global const uint *ids,
                               __global const float *mean, __global const float *nearest,

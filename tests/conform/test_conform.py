@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
-from recording import all_kernels, record_kernels
+from recording import all_kernels, recorded_kernels
 
 from gibench.cli.main import call
 from gibench.conform import worker
@@ -71,8 +71,8 @@ def test_a_case_runs_the_kernels_that_it_names(name: str, rng: np.random.Generat
     case = cases()[name]
     # 7 divides nothing and is what the kernels' own tests run with: no kernel is compiled anew.
     size = 7 if 7 in case.sizes else case.sizes[-1]
-    ran = record_kernels()
-    assert max(case.check(Bench(list_devices()[0]), rng, size)) < 1
+    with recorded_kernels() as ran:
+        assert max(case.check(Bench(list_devices()[0]), rng, size)) < 1
     assert set(case.kernels) <= ran
 
 

@@ -7,6 +7,8 @@ variants share kernel names.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -45,8 +47,9 @@ def all_kernels() -> set[str]:
     return found
 
 
-def record_kernels() -> set[str]:
-    """The set that the full name of every kernel enqueued from now on is added to."""
+@contextmanager
+def recorded_kernels() -> Iterator[set[str]]:
+    """The set that the full name of every kernel enqueued in the block is added to."""
     ran: set[str] = set()
     enqueue, call = cl.enqueue_nd_range_kernel, cl.Kernel.__call__
 
@@ -62,6 +65,8 @@ def record_kernels() -> set[str]:
         record(kernel)
         return call(kernel, *args, **kwargs)
 
-    cl.enqueue_nd_range_kernel = enqueueing
-    cl.Kernel.__call__ = calling
-    return ran
+    cl.enqueue_nd_range_kernel, cl.Kernel.__call__ = enqueueing, calling
+    try:
+        yield ran
+    finally:
+        cl.enqueue_nd_range_kernel, cl.Kernel.__call__ = enqueue, call

@@ -20,7 +20,7 @@ import pyopencl as cl
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cases import Case
-from recording import record_kernels
+from recording import recorded_kernels
 from support.cut_scenes import cut_at_random
 from support.glow_scenes import bumpy, glowing
 from support.made import made as create
@@ -353,13 +353,13 @@ def suit_simulator(width: int, layout: str = "wide") -> None:
 
 def main(cache: Path, cases: list[Case]) -> None:
     """Run ``cases`` and print the kernels."""
-    recorded = record_kernels()
-    for case in cases:
-        suit_simulator(case.width, case.layout)
-        # Of lists of eight rays; each of its work-items reads what all of them have counted.
-        simt_blending._GROUP = case.size
-        globals()[case.what](case, cache)
-    print(*sorted(recorded), sep="\n")
+    with recorded_kernels() as ran:
+        for case in cases:
+            suit_simulator(case.width, case.layout)
+            # Of lists of eight rays; each of its work-items reads what all of them have counted.
+            simt_blending._GROUP = case.size
+            globals()[case.what](case, cache)
+    print(*sorted(ran), sep="\n")
 
 
 if __name__ == "__main__":

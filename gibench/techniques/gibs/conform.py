@@ -10,7 +10,18 @@ from typing import Any
 import numpy as np
 
 from gibench.arrays import Array
-from gibench.device import Device, Launch, ProgramSpec, integer, reads, updates, writes
+from gibench.device import (
+    SIMT,
+    WIDE,
+    Device,
+    Launch,
+    Layout,
+    ProgramSpec,
+    integer,
+    reads,
+    updates,
+    writes,
+)
 from gibench.techniques.gibs import conform_life, conform_rays
 from gibench.techniques.gibs.conform_oracle import (
     STRETCH,
@@ -69,9 +80,14 @@ def _sorted(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float
         yield off(np.concatenate(got).astype(np.int64), wanted.astype(np.int64))
 
 
-def _gather(bench: Bench, rng: np.random.Generator, size: int, published: bool) -> Iterator[float]:
-    """Irradiance and coverage of points: the sum over all surfels there are."""
-    device, grid = bench.open(), UniformGrid.around(BOUNDS, 8)
+def _gather(
+    bench: Bench, rng: np.random.Generator, size: int, layout: Layout | None
+) -> Iterator[float]:
+    """Irradiance and coverage of points: the sum over all surfels there are. ``layout``: of the
+    tuned variant; None of the published one.
+    """
+    published = layout is None
+    device, grid = bench.open(layout=layout), UniformGrid.around(BOUNDS, 8)
     surfels, sorter, position, normal = _placed(device, rng, grid, published, size)
     near = rng.integers(0, SURFELS, POINTS)
     x = (position[near] + rng.normal(scale=0.02, size=(POINTS, 3))).astype(np.float32)
@@ -232,6 +248,10 @@ def _coverage(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[flo
 
 
 _SORT = "parts/surfel_sort.cl"
+_TUNED_LISTS: tuple[tuple[Layout, str, tuple[str, ...]], ...] = (
+    (WIDE, _SORT, ("sort_lists", "pack_lists", "pack_irradiance")),
+    (SIMT, "parts/simt_surfel_lists.cl", ("order_lists", "pack_irradiance")),
+)
 CASES = [
     Case(
         "Surfels sorted into cells (published)",
@@ -244,17 +264,17 @@ CASES = [
     Case(
         "GIBS's gather (published)",
         ("gibs/application.cl:gather_points", f"{_SORT}:finalise"),
-        partial(_gather, published=True),
+        partial(_gather, layout=None),
         (7, 64),
     ),
-    Case(
-        "GIBS's gather (tuned)",
-        (
-            "gibs/application.cl:gather_points",
-            *(f"{_SORT}:{name}" for name in ("sort_lists", "pack_lists", "pack_irradiance")),
-        ),
-        partial(_gather, published=False),
-        (7, 64),
+    *(
+        Case(
+            f"GIBS's gather ({layout})",
+            ("gibs/application.cl:gather_points", *(f"{file}:{name}" for name in kernels)),
+            partial(_gather, layout=layout),
+            (7, 64),
+        )
+        for layout, file, kernels in _TUNED_LISTS
     ),
     Case(
         "GIBS's rays asked for and shared out",

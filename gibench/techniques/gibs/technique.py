@@ -310,6 +310,7 @@ def buffers(known: Known) -> list[BufferSpec]:
         shape,
         published,
         entries_of(settings, published),
+        layout=known.layout,
         simd_width=job.profile.simd_width,
         workgroup_size=job.group_size,
     )

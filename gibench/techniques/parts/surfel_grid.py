@@ -11,7 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from gibench.arrays import Floats
-from gibench.device import BufferSpec, Device, Launch, ProgramSpec, reads, updates, writes
+from gibench.device import (
+    SIMT,
+    BufferSpec,
+    Device,
+    Launch,
+    Layout,
+    ProgramSpec,
+    reads,
+    updates,
+    writes,
+)
 from gibench.techniques.parts.scan import BlockScan, WaveScan, wave_of
 from gibench.techniques.parts.surfels import SurfelGeometry
 
@@ -141,7 +151,8 @@ class SurfelGrid:
         surfels: what is sorted.
         published: as in Ekberg 2022: every surfel in its cell and all neighbours, wave-wise scan,
             lists in any order. Otherwise only in the cells it reaches, blocked scan, lists in
-            ascending order with what a lookup reads beside them.
+            ascending order with what a lookup reads beside them, by work-items that take a cell
+            each or, in the layout ``simt``, an entry each.
         entries: room in all lists together.
         normal_stretch: how much further than sideways a step along the normal counts.
         workgroup_size: work-items per group.
@@ -166,7 +177,7 @@ class SurfelGrid:
         data: dict[str, npt.NDArray[Any]] = {"grid_table": grid.table((0.0, 0.0, 0.0))}
         if not published:
             data["grid_cells"] = np.array([cells], np.uint32)
-        held = device.allocate(self.lists(grid, published, entries), data)
+        held = device.allocate(self.lists(grid, published, entries, device.layout), data)
         self.table = held["grid_table"]
         # Tuned, they count back to zero every frame and are never cleared.
         # As published they become the lists' ends (kernels_cl/gibs/gather.cl).
@@ -174,6 +185,7 @@ class SurfelGrid:
         self.starts = held["grid_starts"]
         self.ids = held["grid_ids"]
         self.packed = held.get("grid_packed")
+        self._entries = held.get("grid_entries")
         self._scan: WaveScan | BlockScan
         if published:
             self._scan = WaveScan.create(device, SCAN, cells, workgroup_size)
@@ -186,12 +198,13 @@ class SurfelGrid:
             "CAPACITY": surfels.capacity,
             "ENTRIES": entries,
             "PUBLISHED": published,
+            "BY_ENTRY": self._entries is not None,
             "ALL_NEIGHBOURS": published,
             "NORMAL_STRETCH": float(normal_stretch),
         }
 
     @staticmethod
-    def lists(grid: Grid, published: bool, entries: int) -> list[BufferSpec]:
+    def lists(grid: Grid, published: bool, entries: int, layout: Layout) -> list[BufferSpec]:
         """The buffers of the grid and its lists, without the scan's."""
         of = BufferSpec.of
         common = [
@@ -203,11 +216,19 @@ class SurfelGrid:
         if published:
             return common
         packed = (PACKED_ROWS, entries + PACKED_PADDING)
-        return [*common, of("grid_cells", 1, np.uint32), of("grid_packed", packed, np.float32)]
+        tuned = [of("grid_cells", 1, np.uint32), of("grid_packed", packed, np.float32)]
+        if layout == SIMT:
+            tuned.append(of("grid_entries", (max(entries, 1), 2), np.uint32))
+        return [*common, *tuned]
 
     @staticmethod
     def buffers(
-        grid: Grid, published: bool, entries: int, simd_width: int, workgroup_size: int
+        grid: Grid,
+        published: bool,
+        entries: int,
+        layout: Layout,
+        simd_width: int,
+        workgroup_size: int,
     ) -> list[BufferSpec]:
         """All its buffers.
 
@@ -215,13 +236,14 @@ class SurfelGrid:
             grid: its shape.
             published: as the class has it.
             entries: room in all lists together.
+            layout: of the tuned kernels.
             simd_width: of the profile.
             workgroup_size: work-items per group.
 
         Raises:
             CannotRun: the published scan cannot work with such groups.
         """
-        own = SurfelGrid.lists(grid, published, entries)
+        own = SurfelGrid.lists(grid, published, entries, layout)
         if published:
             wave = wave_of(simd_width, workgroup_size)
             return [*own, *WaveScan.buffers(SCAN, grid.cells, wave)]
@@ -273,12 +295,11 @@ class SurfelGrid:
             reads("radii", s.radii),
             reads("starts", self.starts),
             updates("cursors", self.counts),
-            updates("ids", self.ids),
+            updates("ids", self.ids if self._entries is None else self._entries),
         )
         write = Launch(program, "finalise", args, items=alive)
         if self.packed is None:
             return [write]
-        lists = (reads("starts", self.starts), reads("ids", self.ids))
         geometry = (
             reads("world_position", s.world_position),
             reads("world_normal", s.world_normal),
@@ -286,17 +307,18 @@ class SurfelGrid:
             reads("mean", s.mean),
             reads("nearest", s.nearest),
         )
-        order = (reads("starts", self.starts), updates("ids", self.ids))
+        starts, packed = reads("starts", self.starts), updates("packed", self.packed)
+        if self._entries is not None:
+            entries, ids = reads("entries", self._entries), updates("ids", self.ids)
+            order = (starts, entries, *geometry, ids, packed)
+            return [write, Launch(self._lists(), "order_lists", order, items=self.entries)]
+        sort = (starts, updates("ids", self.ids))
+        pack = (starts, reads("ids", self.ids), *geometry, packed)
         cells = self.grid.cells
         return [
             write,
-            Launch(program, "sort_lists", order, items=cells),
-            Launch(
-                program,
-                "pack_lists",
-                (*lists, *geometry, updates("packed", self.packed)),
-                items=cells,
-            ),
+            Launch(program, "sort_lists", sort, items=cells),
+            Launch(program, "pack_lists", pack, items=cells),
         ]
 
     def refresh_irradiance(self) -> list[Launch]:
@@ -310,10 +332,17 @@ class SurfelGrid:
             reads("nearest", self.surfels.nearest),
             updates("packed", self.packed),
         )
-        return [Launch(self._program(), "pack_irradiance", args, items=self.grid.cells)]
+        items = self.grid.cells if self._entries is None else self.entries
+        return [Launch(self._lists(), "pack_irradiance", args, items=items)]
 
     def _program(self) -> ProgramSpec:
         return ProgramSpec("parts/surfel_sort.cl", self.defines)
+
+    def _lists(self) -> ProgramSpec:
+        """What brings the lists into order and refreshes them."""
+        if self._entries is None:
+            return self._program()
+        return ProgramSpec("parts/simt_surfel_lists.cl", self.defines)
 
     def entered(self) -> int:
         """Entries that surfels have in the lists, those that found no room included."""

@@ -17,7 +17,7 @@ from support.gibs_surfels import (
 )
 from support.pairwise import few
 
-from gibench.device import Device
+from gibench.device import SIMT, WIDE, Device
 from gibench.profiles import load_profile
 from gibench.techniques.parts.surfel_grid import PerspectiveGrid, UniformGrid
 
@@ -27,8 +27,9 @@ UNIFORM = UniformGrid.around(BOUNDS, 9)
 CAPACITY = 801  # one program for all of them
 
 
-def any_size_device():
-    return Device(replace(load_profile("vega56"), simd_width=1, max_workgroup_size=4096))
+def any_size_device(layout=None):
+    profile = replace(load_profile("vega56"), simd_width=1, max_workgroup_size=4096)
+    return Device(profile, layout=layout)
 
 
 def random_positions(kind, rng):
@@ -67,13 +68,15 @@ def kinds_and_sizes(*sizes):
     ]
 
 
-def sorted_lists(rng, device, grid, position, normal, radius, published, size=64, **frame):
+def sorted_lists(
+    rng, device, grid, position, normal, radius, published, size=64, entries=None, **frame
+):
     """Every cell's list of IDs; IDs are not the places in the list of the living."""
     n = len(position)
     ids = rng.permutation(CAPACITY)[:n]
     words = frame_words(n, least=radius, most=radius, **frame)
     surfels = geometry(device, position, normal, words, ids, CAPACITY)
-    sorter = surfel_grid(device, grid, surfels, published, stretch=STRETCH, size=size)
+    sorter = surfel_grid(device, grid, surfels, published, entries, STRETCH, size)
     device.write(sorter.table, grid.table(frame.get("camera", (0, 0, 0))))
     for _ in range(2):  # the second frame must find the counts as the first did
         run(device, sort_launches(sorter, n), size)
@@ -167,6 +170,59 @@ def test_tuned_lists_hold_the_present_irradiance_beside_them(rng, size):
     changed = np.flatnonzero((after != before).any(axis=1))
     assert len(changed) == 4 and len(ids) > len(position)
     np.testing.assert_array_equal(after[changed], [*mean[:, ids], nearest[ids]])
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"), [("random", 24), ("one cell", 256), ("none", 7), ("random", 1)]
+)
+def test_lists_by_entry_are_those_by_cell(rng, kind, size):
+    """In the layout simt a work-item takes an entry: the same lists, and what lies beside them."""
+    position = random_positions(kind, rng).astype(np.float32)
+    normal, seed = unit_vectors(len(position), rng), int(rng.integers(2**32))
+    starts, ids, packed = {}, {}, {}
+    for layout in (WIDE, SIMT):
+        device, same = any_size_device(layout), np.random.default_rng(seed)
+        _, _, sorter = sorted_lists(
+            same, device, UNIFORM, position, normal, 0.7 * UNIFORM.cell, False, size
+        )
+        surfels = sorter.surfels
+        for one in (surfels.mean, surfels.nearest):
+            device.write(one, same.random(one.shape, np.float32))
+        run(device, sorter.refresh_irradiance(), size)
+        starts[layout], ids[layout] = sorter.read_lists()
+        packed[layout] = device.read(sorter.packed)[:, : len(ids[layout])]
+        kept = (surfels.world_position, surfels.world_normal, surfels.mean, surfels.nearest)
+        place, normals, mean, nearest = (device.read(one)[..., ids[layout]] for one in kept)
+        inverse = np.float32(1) / device.read(surfels.radii)[ids[layout]]
+        np.testing.assert_array_equal(packed[layout][:6], [*place, *normals])
+        np.testing.assert_allclose(packed[layout][6], inverse, rtol=4e-7)  # 2.5 ulp
+        np.testing.assert_array_equal(packed[layout][7:], [*mean, nearest])
+    np.testing.assert_array_equal(starts[SIMT], starts[WIDE])
+    np.testing.assert_array_equal(ids[SIMT], ids[WIDE])
+    assert len(ids[SIMT]) > len(position) or kind in ("none", "one cell")
+
+
+def test_entries_that_find_no_room_are_left_out_by_entry_too(rng):
+    """Half of the room: what there is of every list is ascending and belongs there."""
+    position = random_positions("random", rng).astype(np.float32)
+    normal, radius = unit_vectors(len(position), rng), 0.7 * UNIFORM.cell
+    whole, seed = [], int(rng.integers(2**32))
+    for entries in (None, 200):
+        lists, _, sorter = sorted_lists(
+            np.random.default_rng(seed),
+            any_size_device(SIMT),
+            UNIFORM,
+            position,
+            normal,
+            radius,
+            False,
+            24,
+            entries,
+        )
+        whole.append(lists)
+    assert sorter.dropped() == sum(map(len, whole[0])) - 200 > 0
+    assert sum(map(len, whole[1])) == 200
+    assert all(some <= one for one, some in zip(*whole, strict=True))
 
 
 def perspective_cells(grid, position, camera):
