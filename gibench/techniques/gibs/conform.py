@@ -118,7 +118,7 @@ def _gather(
     # What the irradiance pass changes after the sort must be what is looked up.
     mean = rng.random(surfels.mean.shape, np.float32)
     device.write(surfels.mean, mean)
-    run(device, sorter.refresh_irradiance(), size)
+    run(device, sorter.refresh_irradiance(lambda: SURFELS), size)
     run(device, [launch], size)
     radius, mean = device.read(surfels.radii), mean.T
     p, m = (

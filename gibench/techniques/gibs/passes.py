@@ -219,7 +219,7 @@ class FramePasses:
             writes("image", self.scene.image),
         )
         apply = Launch(self._program("application"), "application", args, items=self.pixel_items)
-        return [*self.grid.refresh_irradiance(), apply]
+        return [*self.grid.refresh_irradiance(self.alive), apply]
 
     def gather_points(self, position: Buffer, normal: Buffer, out: Buffer) -> Launch:
         """Indirect irradiance and coverage (n, 4) at points (n, 3)."""

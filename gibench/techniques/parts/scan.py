@@ -178,9 +178,10 @@ class BlockScan:
 
     def _staged(self) -> int:
         """Values per work-item that lie in local memory at once: in the layout ``simt`` as many as
-        the profile has room for, none in ``wide``.
+        the profile has room for, none in ``wide`` nor on a CPU, where that is memory as any other.
         """
-        staged = 0 if self.device.layout == WIDE else _MOST_STAGED
+        wide = self.device.layout == WIDE or self.device.lanes_together > 1
+        staged = 0 if wide else _MOST_STAGED
         while 4 * self.workgroup_size * (staged + 3) > self.device.profile.local_memory_bytes:
             staged //= 2
             if staged == 0:

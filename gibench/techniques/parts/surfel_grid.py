@@ -311,7 +311,7 @@ class SurfelGrid:
         if self._entries is not None:
             entries, ids = reads("entries", self._entries), updates("ids", self.ids)
             order = (starts, entries, *geometry, ids, packed)
-            return [write, Launch(self._lists(), "order_lists", order, items=self.entries)]
+            return [write, Launch(self._lists(), "order_lists", order, items=alive)]
         sort = (starts, updates("ids", self.ids))
         pack = (starts, reads("ids", self.ids), *geometry, packed)
         cells = self.grid.cells
@@ -321,8 +321,10 @@ class SurfelGrid:
             Launch(program, "pack_lists", pack, items=cells),
         ]
 
-    def refresh_irradiance(self) -> list[Launch]:
-        """The surfels' present irradiance beside the lists; nothing to do as published."""
+    def refresh_irradiance(self, alive: Callable[[], int]) -> list[Launch]:
+        """The present irradiance of the surfels in the lists beside these; nothing to do as
+        published.
+        """
         if self.packed is None:
             return []
         args = (
@@ -332,7 +334,7 @@ class SurfelGrid:
             reads("nearest", self.surfels.nearest),
             updates("packed", self.packed),
         )
-        items = self.grid.cells if self._entries is None else self.entries
+        items = self.grid.cells if self._entries is None else alive
         return [Launch(self._lists(), "pack_irradiance", args, items=items)]
 
     def _program(self) -> ProgramSpec:

@@ -165,7 +165,7 @@ def test_tuned_lists_hold_the_present_irradiance_beside_them(rng, size):
     mean, nearest = (rng.random(one.shape, np.float32) for one in (surfels.mean, surfels.nearest))
     device.write(surfels.mean, mean)
     device.write(surfels.nearest, nearest)
-    run(device, sorter.refresh_irradiance(), size)
+    run(device, sorter.refresh_irradiance(lambda: len(position)), size)
     after = device.read(sorter.packed)[:, : len(ids)]
     changed = np.flatnonzero((after != before).any(axis=1))
     assert len(changed) == 4 and len(ids) > len(position)
@@ -188,7 +188,7 @@ def test_lists_by_entry_are_those_by_cell(rng, kind, size):
         surfels = sorter.surfels
         for one in (surfels.mean, surfels.nearest):
             device.write(one, same.random(one.shape, np.float32))
-        run(device, sorter.refresh_irradiance(), size)
+        run(device, sorter.refresh_irradiance(lambda: len(position)), size)
         starts[layout], ids[layout] = sorter.read_lists()
         packed[layout] = device.read(sorter.packed)[:, : len(ids[layout])]
         kept = (surfels.world_position, surfels.world_normal, surfels.mean, surfels.nearest)
