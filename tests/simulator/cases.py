@@ -87,24 +87,30 @@ SLOW_BAKES = [
 ]
 
 
+# Whose variants are the same kernels, compiled for vectors or not, as are those of both techniques:
+# variants take sizes and settings in turns.
+IN_TURNS = ("irradiance-probes", "light-field-probes")
+
+
 def frames(every: bool) -> list[Case]:
     """Of each variant: sizes and settings side by side, or what that leaves out of their product.
 
     The first size goes with the defaults, the next with the next settings.
     """
     found = []
-    for spec in techniques().values():
+    for number, spec in enumerate(techniques().values()):
         choices = [{}, *OTHER_SETTINGS.get(spec.name, [])]
         together = [
             (SIZES[n % len(SIZES)], choices[n % len(choices)])
             for n in range(max(len(SIZES), len(choices)))
         ]
         pairs = [(sizes, settings) for sizes in SIZES for settings in choices]
-        for variant in spec.variants:
+        for turn, variant in enumerate(spec.variants, number):
+            few = together[turn % 2 :: 2] if spec.name in IN_TURNS else together
             found += [
                 Case("frames", *sizes, spec.name, variant, settings)
-                for sizes, settings in (pairs if every else together)
-                if not (every and (sizes, settings) in together)
+                for sizes, settings in (pairs if every else few)
+                if not (every and (sizes, settings) in few)
             ]
             if variant == TUNED and spec.name in WITH_A_LAYOUT:
                 of_simt = choices[:-1] if every else choices[-1:]

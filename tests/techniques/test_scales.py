@@ -91,8 +91,17 @@ def stretched(lightmap: Lightmap, factor: float) -> Lightmap:
     )
 
 
-@pytest.mark.parametrize("size", SCALES)
-@pytest.mark.parametrize("technique", [name for name in techniques() if name != "direct"])
+def techniques_and_sizes():
+    """Every technique at one of the two sizes in turn; the other one is slow."""
+    names = [name for name in techniques() if name != "direct"]
+    return [
+        pytest.param(name, size, marks=() if m == n % len(SCALES) else pytest.mark.slow)
+        for n, name in enumerate(names)
+        for m, size in enumerate(SCALES)
+    ]
+
+
+@pytest.mark.parametrize(("technique", "size"), techniques_and_sizes())
 def test_a_room_of_any_size_has_the_same_light(tmp_path_factory, technique, size):
     cache_dir = tmp_path_factory.getbasetemp()
     metre, found = (light(technique, factor, cache_dir) for factor in (1.0, SCALES[size]))
