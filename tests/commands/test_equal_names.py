@@ -77,7 +77,7 @@ def test_an_experiment_measures_both(
 
 
 def test_advice_goes_on_with_the_same_file_only(rooms: list[str], tmp_path: Path) -> None:
-    asked = {"technique": "direct", "receivers": 600, "resolution": "32x18", "frames": 16}
+    asked = {"technique": "direct", "receivers": 60, "resolution": "32x18", "frames": 16}
     asked |= {"target_error": 0.9, "cache_dir": tmp_path / "cache", "out": tmp_path / "advice"}
     first = gibench.advise(scene=rooms[0], **asked)
     with pytest.raises(BadInput, match="already holds another run"):

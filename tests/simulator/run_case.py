@@ -43,7 +43,7 @@ from gibench.reference.wavefront import Wavefront
 from gibench.scene.builtin import build
 from gibench.scene.colours import Colours
 from gibench.scene.lightmap.atlas import unwrap
-from gibench.scene.model import Camera, Scene
+from gibench.scene.model import Camera, ProbeSettings, Scene
 from gibench.scene.motion.moving_objects import MovingObjects
 from gibench.scene.poses import Turn
 from gibench.techniques.ddgi import simt_blending
@@ -60,10 +60,12 @@ from gibench.techniques.technique import Technique
 from gibench.work import Serial
 
 # Enough for every kernel's loops, borders and remainders; the simulator is slow.
-RECEIVERS = 90
+RECEIVERS = 71
 # Frames, and the pixels of a side of a tile. Surfels placed in the first frame are known in the
 # second and live in the third; of the others, the second frame meets what the first left.
 FRAMES_AND_TILES = {"gibs": (3, 16)}
+# SRP's, given: choosing them is no kernel's work.
+PROBES = ((0.5, 1.6, 0.4), (-0.5, 1.4, -0.3), (0.1, 1.3, 0.6))
 OF_OTHERS = (2, 8)
 # Of an image, tiles a row and a column, by work-group size: the last of each is not full. Two by
 # two once; beside each other or above each other they cost the simulator half.
@@ -85,6 +87,7 @@ SMALL = {
     "capture_texels": 6,
     "map_texels": 10,  # as many texels as fill no whole group of 7 or 64
 }
+SMALL_OF = {"surfel-cache": {"surfels": 150}}
 PROFILE = replace(load_profile("iphone7"), simd_width=1)
 MOTIONS = (Turn("short box", (0.1, 1.0, 0.2)), Turn("left", (0.0, 1.0, 0.0)))
 
@@ -140,7 +143,10 @@ def baked(case: Case, cache: Path) -> tuple[TechniqueSpec, BakeContext, Any]:
     spec = find_technique(case.technique)
     known = spec.settings_type.__dataclass_fields__
     small = {name: value for name, value in SMALL.items() if name in known}
+    small |= SMALL_OF.get(case.technique, {})
     scene = build("cornell-box")
+    if case.technique == "srp":
+        scene = replace(scene, probes=ProbeSettings(len(PROBES), np.array(PROBES, np.float32)))
     settings = spec.settings({**small, **case.settings})
     motion = motion_of(case, scene)
     moving = motion.triangles if motion is not None and motion.moves else None

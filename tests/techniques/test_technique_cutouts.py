@@ -39,6 +39,11 @@ def ran(scene, folder, name, variant, size, frames, image=(64, 48)):
     return technique
 
 
+def alike(one, other):
+    """The pixels (height, width) of two images that show the same."""
+    return np.isclose(one, other, rtol=1e-3, atol=1e-4).all(axis=2)
+
+
 @pytest.mark.parametrize("variant", ["published", "tuned"])
 @pytest.mark.parametrize("size", [16, 64])
 def test_direct_light_passes_the_holes(rng, tmp_path, variant, size):
@@ -51,11 +56,13 @@ def test_direct_light_passes_the_holes(rng, tmp_path, variant, size):
         assert ("bvh_cutouts" in held) == (scene.cutouts is not None)
         images.append(technique.images()["frame"])
         assert technique.passes()[0].counted(size).rays > 64 * 48
-    same = np.isclose(*images, rtol=1e-3, atol=1e-4).all(axis=2)
-    assert same.mean() > 0.995  # all but edges of texels
+    assert alike(*images).mean() > 0.995  # all but edges of texels
     solid = replace(both.masked, cutouts=None)
     plain = ran(solid, tmp_path, "direct", variant, size, 1).images()["frame"]
-    assert (~np.isclose(plain, images[0], rtol=1e-3, atol=1e-4)).any(axis=2).mean() > 0.05
+    # However few holes are in sight: through them the image is another.
+    masked, meshed = (~alike(plain, image) for image in images)
+    assert meshed.any()
+    assert (masked & meshed).sum() > 0.8 * meshed.sum()
 
 
 @pytest.mark.parametrize("name, frames", [("srp", 12), ("ddgi", 24)])
