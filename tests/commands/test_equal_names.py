@@ -26,7 +26,9 @@ from gibench.study.experiments.kept import Found
 from gibench.techniques.job import Job
 from gibench.work import Worker
 
-BOX = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 {0}\nv 1 0 {0}\nv 1 1 {0}\nv 0 1 {0}\n"
+# Dark walls: light is traced to its end in a few bounces.
+DARK = "newmtl dark\nKd 0.1 0.1 0.1\n"
+BOX = "mtllib dark.mtl\nusemtl dark\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 {0}\nv 1 0 {0}\nv 1 1 {0}\nv 0 1 {0}\n"
 INSIDE = "f 1 2 3 4\nf 8 7 6 5\nf 5 6 2 1\nf 6 7 3 2\nf 7 8 4 3\nf 8 5 1 4\n"
 
 
@@ -36,6 +38,7 @@ def rooms(tmp_path: Path) -> list[str]:
     for folder, length in (("a", 1), ("b", 3)):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "room.obj").write_text(BOX.format(length) + INSIDE)
+        (tmp_path / folder / "dark.mtl").write_text(DARK)
     return [str(tmp_path / folder / "room.obj") for folder in ("a", "b")]
 
 
