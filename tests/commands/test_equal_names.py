@@ -28,7 +28,8 @@ from gibench.work import Worker
 
 # Dark walls: light is traced to its end in a few bounces.
 DARK = "newmtl dark\nKd 0.1 0.1 0.1\n"
-BOX = "mtllib dark.mtl\nusemtl dark\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 {0}\nv 1 0 {0}\nv 1 1 {0}\nv 0 1 {0}\n"
+BOX = "mtllib dark.mtl\nusemtl dark\n"
+BOX += "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 {0}\nv 1 0 {0}\nv 1 1 {0}\nv 0 1 {0}\n"
 INSIDE = "f 1 2 3 4\nf 8 7 6 5\nf 5 6 2 1\nf 6 7 3 2\nf 7 8 4 3\nf 8 5 1 4\n"
 
 
