@@ -302,7 +302,7 @@ def test_a_setting_given_twice_is_an_axis_on_the_command_line(tmp_path: Path) ->
     code = call(
         [
             *("run", "-t", "gibs", "-t", "direct", "--set", "gibs.ray_budget=1000"),
-            *("--set", "gibs.ray_budget=3000", "--set", "gibs.surfels=300", "--receivers", "300"),
+            *("--set", "gibs.ray_budget=3000", "--set", "gibs.surfels=500", "--receivers", "300"),
             *("--frames", "2", "--warmup", "0", "--resolution", "32x24", "-q", "--no-quality"),
             *("--out", str(tmp_path / "run"), "--cache-dir", str(tmp_path / "cache")),
         ]

@@ -50,6 +50,8 @@ SURFELS = 300
 SMALL = {"surfels": SURFELS, "links": 20, "caches": 120, "grid": "3x4x2", "relaxation": 2}
 SHAPES = ("published", WIDE, SIMT)
 """The published variant, and the tuned one in both layouts."""
+_BANDS = {1: 2, 7: 3, 64: 4, 100: 3}
+"""Bands of spherical harmonics by work-group size: all there are, whatever the seed."""
 HALF = 2e-3
 """What halves of links and of sums are off by, of all that is added up."""
 CAPS = 6e-3
@@ -110,8 +112,7 @@ def _lighting(
 ) -> Iterator[float]:
     """The caches' light from their links and from what they see of the environment."""
     stored = projection == "stored"
-    bands = {1: 2, 7: 3, 64: 4, 100: 3}[size]
-    technique = _made(bench, rng, size, shape, sh_bands=bands, projection=projection)
+    technique = _made(bench, rng, size, shape, sh_bands=_BANDS[size], projection=projection)
     on_map = np.flatnonzero(halves(technique, "cache_map")[:, 0, 3] == 1)
     in_grid = np.flatnonzero(technique.bake.caches.grid_kept)
     flux = random_flux(technique, rng)
@@ -132,7 +133,7 @@ def _lighting(
 
 def _dilation(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> Iterator[float]:
     """Texels beside lit caches take the mean of those."""
-    technique = _made(bench, rng, size, shape, sh_bands=int(rng.integers(2, 5)))
+    technique = _made(bench, rng, size, shape, sh_bands=_BANDS[size])
     random_caches(technique, rng)
     atlas = technique.bake.caches.atlas
     whole = (atlas.height, atlas.width, technique.sizes.coefficients, 4)
@@ -149,7 +150,7 @@ def _dilation(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> 
 
 def _surfels(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """Surfels' radiosity: direct light, what the caches hold there, their emission."""
-    technique = _made(bench, rng, size, WIDE, sh_bands=int(rng.integers(2, 5)))
+    technique = _made(bench, rng, size, WIDE, sh_bands=_BANDS[size])
     random_caches(technique, rng)
     frame = int(rng.integers(0, 200))
     technique.begin_frame(frame)
@@ -202,8 +203,7 @@ def pixels_of(technique: Any) -> tuple[Array, Array, Array, Array]:
 def _image(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> Iterator[float]:
     """The caches' light at pixels, a diffuse and a glossy lobe's, and at receivers."""
     exponent, width, height = 20.0, 48, 35
-    bands = int(rng.integers(2, 5))
-    settings = {"exponent": exponent, "gloss": 0.3, "sh_bands": bands}
+    settings = {"exponent": exponent, "gloss": 0.3, "sh_bands": _BANDS[size]}
     technique = _made(bench, rng, size, shape, (width, height), **settings)
     technique.begin_frame(0)
     random_caches(technique, rng)
@@ -236,7 +236,7 @@ def _image(bench: Bench, rng: np.random.Generator, size: int, shape: str) -> Ite
 
 def _receivers(bench: Bench, rng: np.random.Generator, size: int) -> Iterator[float]:
     """Irradiance at points by places in the map, on and off it, and in the grid."""
-    technique = _made(bench, rng, size, WIDE, sh_bands=int(rng.integers(2, 5)))
+    technique = _made(bench, rng, size, WIDE, sh_bands=_BANDS[size])
     random_caches(technique, rng)
     device, atlas, count = technique.device, technique.bake.caches.atlas, 201
     place = rng.uniform(0, (atlas.width, atlas.height), (count, 2)).astype(np.float32)

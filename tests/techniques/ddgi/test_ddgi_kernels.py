@@ -272,6 +272,7 @@ def test_lists_of_rays_by_groups(rng, scene, sharp, size):
     technique = create(scene, SMALL, layout=SIMT)
     technique.begin_frame(int(rng.integers(100)))
     device, blending = technique.device, technique.blending
+    size = max(size, device.lanes_together)  # where work-items take a texel each, a vector of them
     side, least = (7, 0.6) if sharp else (5, 0.0)
     s, found = state_of(technique), []
     names = ("lengths", "list_rays", "list_weights")
