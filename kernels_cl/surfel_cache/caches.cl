@@ -90,10 +90,11 @@ inline bool light_of_map(__global const ushort *cache_map, int width, int height
     const int y0 = clamp((int)y_floor, 0, height - 1), y1 = clamp((int)y_floor + 1, 0, height - 1);
     Gathered sum = {(float3)(0.0f), 0.0f};
     // A loop: written out four times, with four bands, Intel's compiler 2026.22 loses the red of it.
-    for (int corner = 0; corner < 4; ++corner) {
-        const bool right = corner & 1, below = corner >> 1;
-        gather(&sum, cache_map, (size_t)(below ? y1 : y0) * width + (right ? x1 : x0),
-               (right ? fx : 1.0f - fx) * (below ? fy : 1.0f - fy), lobe);
+    for (int row = 0; row < 2; ++row) {
+        const size_t first = (size_t)(row ? y1 : y0) * width;
+        const float share = row ? fy : 1.0f - fy;
+        gather(&sum, cache_map, first + x0, (1.0f - fx) * share, lobe);
+        gather(&sum, cache_map, first + x1, fx * share, lobe);
     }
     if (sum.weight <= 0.0f)
         return false;
