@@ -169,7 +169,9 @@ def test_a_map_shows_the_front_that_weighs_most_and_means_of_all(rng):
         elif captured.front[resampling.nearest[texel]]:
             assert found.triangle[texel] == captured.triangle[resampling.nearest[texel]]
         else:
-            assert found.triangle[texel] == captured.triangle[strongest[texel].argmax()]
+            # Of several as near, by the symmetry of both maps, any: weights are kept as float32.
+            tied = strongest[texel] >= (1 - 1e-6) * strongest[texel].max()
+            assert found.triangle[texel] in captured.triangle[tied]
     near = np.minimum(captured.distance / 2.0, 1.0)
     moments = np.stack([near, near**2], axis=1)
     np.testing.assert_allclose(found.moments, weight @ moments, atol=2e-4)
