@@ -25,7 +25,12 @@ CASES = [*BAKES, *FRAMES, *MOVING, *OTHERS]
 SLOW = [
     pytest.param(case, marks=pytest.mark.slow) for case in (*SLOW_BAKES, *SLOW_FRAMES, *SLOW_OTHERS)
 ]
-BAKE_OF_FRAMES = Case("bake", 1, 1, "srp")
+# All of SRP's: those of the others have no kernels.
+BAKED = [
+    Case("bake", 1, 1, "srp", settings=case.settings)
+    for case in [*FRAMES, *MOVING]
+    if case.technique == "srp"
+]
 
 
 def arguments(cache: Path, *cases: Case) -> list[str]:
@@ -60,7 +65,7 @@ def cache(shared: Path) -> Path:
     with FileLock(shared / "baking.lock"):
         if not folder.exists():
             folder.mkdir()
-            natively(folder, BAKE_OF_FRAMES)
+            natively(folder, *BAKED)
     return folder
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from cases import Case
-from run_case import created, suit_simulator
+from run_case import behind_the_camera, created, suit_simulator
 
 from gibench.measure.session.enqueue import enqueue_frame
 
@@ -27,7 +27,8 @@ def main(cache: Path, frames: int, width: int, height: int, case: Case) -> None:
     suit_simulator(case.width, case.layout)
     made, prepared = created(case, cache, width, height)
     for frame in range(frames - 1):
-        enqueue_frame(made, prepared, frame)
+        shown = prepared if frame == 0 else behind_the_camera(case, prepared)
+        enqueue_frame(made, shown, frame)
     made.begin_frame(frames - 1)
     for item in prepared:
         print("PASS", item.name, flush=True)
