@@ -14,7 +14,7 @@ inline float3 looked_up(LOOKUP_PARAMS, Hit hit, float3 direction)
 {
     const Surface s = surface_shape(SHAPE_ARGS, hit);
     return gathered_irradiance(VOLUME_ARGS, MAP_ARGS, s.position,
-                               surface_bias(s.geometric_normal, -direction), s.normal);
+                               surface_bias(volume, s.geometric_normal, -direction), s.normal);
 }
 #include "parts/apply.cl"
 
@@ -29,7 +29,7 @@ __kernel void receiver_irradiance(VOLUME_PARAMS, MAP_PARAMS, __global const floa
         return;
     const float3 n = load3(normal, i);
     store3(irradiance, i,
-           gathered_irradiance(VOLUME_ARGS, MAP_ARGS, load3(position, i), surface_bias(n, n), n));
+           gathered_irradiance(VOLUME_ARGS, MAP_ARGS, load3(position, i), surface_bias(volume, n, n), n));
 }
 
 // The irradiance that a usable probe holds for a direction, W/m2.

@@ -76,7 +76,7 @@ __kernel void probe_shade(BVH_PARAMS, SURFACE_PARAMS, LIGHT_PARAMS, ENVIRONMENT_
         if (dot(s.geometric_normal, direction) < 0.0f) {
             distance = hit.t;
             const float3 seen = back_along_ray(s.position, direction);
-            const float3 bias = surface_bias(s.geometric_normal, -direction);
+            const float3 bias = surface_bias(volume, s.geometric_normal, -direction);
             const float3 direct =
                 direct_irradiance(BVH_ARGS, LIGHT_ARGS, seen, s.normal, s.geometric_normal);
             const float3 irradiance =

@@ -7,8 +7,9 @@
 //
 // Macros besides those of parts/probe_volume.cl and parts/octahedral_maps.cl: SIDE (texels of a map's
 // side without its border), PROBE_VISIBILITY, EVERY_PROBE (1: every probe is looked at, as published; 0:
-// the eight around the point, which are all that have a share), SURFACE_BIAS (m), FAR (m, the unit of
-// distances), VISIBILITY_BIAS (in that unit).
+// the eight around the point, which are all that have a share). Lengths behind the volume: how far off
+// its surface a point is looked at, m; what is taken off its distance, in units of the next; the far
+// plane's distance, m, the unit of distances.
 //
 // irradiance_maps  per probe (SIDE + 2)^2 texels of 4: irradiance, W/m2; the fourth is not used
 // distance_maps    per probe (SIDE + 2)^2 texels of 2: mean and mean square of the distance
@@ -83,7 +84,8 @@ inline float3 received_light(__global const map_t *lobe_maps, int probe, float3 
 
 #if PROBE_VISIBILITY
 // The bound, cubed, on how much a probe sees of what lies `offset`, m, from it.
-inline float seen_share(__global const map_t *distance_maps, int probe, float3 offset)
+inline float seen_share(__global const float *volume, __global const map_t *distance_maps, int probe,
+                        float3 offset)
 {
     const float meters = fmax(length(offset), 1e-9f);
     float2 f;
@@ -92,7 +94,7 @@ inline float seen_share(__global const map_t *distance_maps, int probe, float3 o
     const float2 upper = mix(map_load2(first, distance_maps), map_load2(first + 1, distance_maps), f.x);
     const float2 lower = mix(map_load2(below, distance_maps), map_load2(below + 1, distance_maps), f.x);
     const float2 moments = mix(upper, lower, f.y);
-    const float behind = meters / FAR - VISIBILITY_BIAS - moments.x;
+    const float behind = meters / volume_length(volume, 2) - volume_length(volume, 1) - moments.x;
     if (behind <= 0.0f)
         return 1.0f;
     const float variance = fabs(moments.x * moments.x - moments.y);
@@ -111,7 +113,7 @@ inline float probe_share(VOLUME_PARAMS, MAP_PARAMS, int probe, int3 cell, float3
     if (share <= 0.0f || probe_state(probe_data, probe) != (PROBE_ACTIVE | PROBE_BLENDED))
         return 0.0f;
 #if PROBE_VISIBILITY
-    share *= seen_share(distance_maps, probe, point - grid_position(volume, cell));
+    share *= seen_share(volume, distance_maps, probe, point - grid_position(volume, cell));
 #endif
     return share;
 }
@@ -121,7 +123,7 @@ inline float probe_share(VOLUME_PARAMS, MAP_PARAMS, int probe, int3 cell, float3
 inline float3 probe_irradiance(VOLUME_PARAMS, MAP_PARAMS LOBE_PARAM, float3 position,
                                float3 geometric_normal, float3 normal)
 {
-    const float3 point = position + SURFACE_BIAS * geometric_normal;
+    const float3 point = position + volume_length(volume, 0) * geometric_normal;
     const float3 at = (point - load3(volume, 0)) / load3(volume, 1);
     const int3 last = (int3)(PROBES_X - 1, PROBES_Y - 1, PROBES_Z - 1);
     float2 f;

@@ -5,9 +5,9 @@
 // distances. Majercik et al. 2019, "Dynamic Diffuse Global Illumination with Ray-Traced Irradiance
 // Fields", section 5; constants of RTXGI-DDGI 1.3.7.
 //
-// Macros besides those of parts/probe_volume.cl and parts/probe_maps.cl: NORMAL_BIAS, VIEW_BIAS (m),
-// VISIBILITY_FLOOR, CRUSH_THRESHOLD (0: weights stay); VEC (1 as published): from 8 on, the weights of
-// the eight probes are computed at once.
+// Macros besides those of parts/probe_volume.cl and parts/probe_maps.cl: VISIBILITY_FLOOR,
+// CRUSH_THRESHOLD (0: weights stay); VEC (1 as published): from 8 on, the weights of the eight probes are
+// computed at once. Lengths behind the volume: the biases along the normal and towards the viewer, m.
 #ifndef GIBENCH_PROBE_GATHER
 #define GIBENCH_PROBE_GATHER
 
@@ -26,9 +26,9 @@
 #endif
 
 // How far from the surface a gather is done, along the normal and towards the viewer.
-inline float3 surface_bias(float3 normal, float3 towards_viewer)
+inline float3 surface_bias(__global const float *volume, float3 normal, float3 towards_viewer)
 {
-    return normal * NORMAL_BIAS + towards_viewer * VIEW_BIAS;
+    return normal * volume_length(volume, 0) + towards_viewer * volume_length(volume, 1);
 }
 
 // Bilinear value of a probe's irradiance map as it is averaged over probes: half the mean radiance

@@ -3,7 +3,8 @@
 // Macros: PROBES, PROBES_X, PROBES_Y, PROBES_Z (probes along each axis); PROBE_ACTIVE (casts all its rays)
 // and PROBE_BLENDED (its maps hold something).
 //
-// volume      9 floats: origin, spacing (m), scroll (gibench.techniques.parts.probe_volume)
+// volume      9 floats: origin, spacing (m), scroll (gibench.techniques.parts.probe_volume); then 3 that
+//             lookups take (parts/probe_gather.cl, parts/captured_gather.cl)
 // probe_data  per probe its offset from the grid (m) and its state (PROBE_ACTIVE and PROBE_BLENDED,
 //             added)
 #ifndef GIBENCH_PROBE_VOLUME
@@ -23,6 +24,11 @@ inline float max_distance(__global const float *volume)
 inline int scroll_along(__global const float *volume, int axis)
 {
     return (int)volume[6 + axis];
+}
+
+inline float volume_length(__global const float *volume, int which)
+{
+    return volume[9 + which];
 }
 
 // Where the data of the probe at grid coordinates `c` lie.

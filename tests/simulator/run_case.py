@@ -203,7 +203,8 @@ def behind_the_camera(case: Case, prepared: list[PreparedPass]) -> list[Prepared
     """
     if case.technique == "direct" or case.what == "moving":
         return prepared
-    assert (later := [item for item in prepared if item.name != "camera"]) != prepared
+    later = [item for item in prepared if item.name != "camera"]
+    assert len(later) < len(prepared)
     return later
 
 

@@ -23,6 +23,14 @@ def irradiance_maps(settings: DdgiSettings) -> OctahedralMaps:
     return OctahedralMaps(settings.irradiance_texels, 4, settings.storage)
 
 
+def biases(settings: DdgiSettings, volume: Volume) -> tuple[float, float]:
+    """How far from its surface a point is looked up (kernels_cl/parts/probe_gather.cl): along the
+    normal and towards the viewer, m.
+    """
+    spacing = min(volume.spacing)
+    return settings.normal_bias * spacing, settings.view_bias * spacing
+
+
 def distance_maps(settings: DdgiSettings) -> OctahedralMaps:
     """Of every probe (kernels_cl/parts/probe_maps.cl)."""
     return OctahedralMaps(settings.distance_texels, 2, settings.storage)
@@ -72,14 +80,14 @@ class Probes:
             CannotRun: they do not fit the device's profile.
         """
         data = {
-            **PlacedProbes.contents(volume),
+            **PlacedProbes.contents(volume, lengths=biases(settings, volume)),
             "ray_directions": ray_directions(settings, seed, 0),
         }
         held = device.allocate(Probes.buffers(settings, volume.probes), data)
         return Probes(
             device,
             settings,
-            PlacedProbes.of(device, volume, held),
+            PlacedProbes.of(device, volume, held, biases(settings, volume)),
             seed,
             irradiance=held["irradiance_maps"],
             distance=held["distance_maps"],
@@ -167,8 +175,6 @@ class Probes:
             # No rays on backs are never too many.
             "MAX_BACKFACES": max(1.0, float(int(s.random_backface_threshold * s.blended))),
             "FIXED_BACKFACE_THRESHOLD": float(s.fixed_backface_threshold),
-            "NORMAL_BIAS": s.normal_bias * min(self.volume.spacing),
-            "VIEW_BIAS": s.view_bias * min(self.volume.spacing),
             "VISIBILITY_FLOOR": float(s.visibility_floor),
             "CRUSH_THRESHOLD": float(s.crush_threshold),
         }

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from gibench.device import Device
 from gibench.techniques.job import Job, World
-from gibench.techniques.parts.captured_probes.passes import Biases
+from gibench.techniques.parts.captured_probes.held import Biases
 from gibench.techniques.parts.captured_probes.technique import CapturedProbeTechnique
 
 

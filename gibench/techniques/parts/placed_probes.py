@@ -18,7 +18,9 @@ BLENDED = 2
 """Of a probe's state: its maps hold something."""
 USABLE = ACTIVE | BLENDED
 
-VOLUME_FLOATS = 9  # kernels_cl/parts/probe_volume.cl
+# kernels_cl/parts/probe_volume.cl: the volume, and what lookups in it take.
+_LENGTHS = 3
+VOLUME_FLOATS = 9 + _LENGTHS
 
 
 @dataclass
@@ -28,14 +30,17 @@ class PlacedProbes:
     Attributes:
         device: where they lie.
         volume: where the probes are now.
-        table: (9,) float32, the volume.
+        table: (12,) float32, the volume and ``lengths``.
         data: (p, 4) float32 offset in m and state of every probe.
+        lengths: up to three that the technique's lookups take. They differ from scene to scene: as
+            macros they would have the kernels compiled anew for each.
     """
 
     device: Device
     volume: Volume
     table: Buffer
     data: Buffer
+    lengths: tuple[float, ...] = ()
 
     @staticmethod
     def create(device: Device, volume: Volume, state: int = ACTIVE) -> PlacedProbes:
@@ -58,14 +63,18 @@ class PlacedProbes:
         ]
 
     @staticmethod
-    def contents(volume: Volume, state: int = ACTIVE) -> dict[str, Floats]:
+    def contents(
+        volume: Volume, state: int = ACTIVE, lengths: tuple[float, ...] = ()
+    ) -> dict[str, Floats]:
         """What :meth:`buffers` hold at first: probes on the grid, all in ``state``."""
-        return {"volume": volume.table(), "probe_data": probe_data(volume.probes, state)}
+        return {"volume": _table(volume, lengths), "probe_data": probe_data(volume.probes, state)}
 
     @staticmethod
-    def of(device: Device, volume: Volume, held: Mapping[str, Buffer]) -> PlacedProbes:
+    def of(
+        device: Device, volume: Volume, held: Mapping[str, Buffer], lengths: tuple[float, ...] = ()
+    ) -> PlacedProbes:
         """The probes whose buffers are among ``held``."""
-        return PlacedProbes(device, volume, held["volume"], held["probe_data"])
+        return PlacedProbes(device, volume, held["volume"], held["probe_data"], lengths)
 
     @property
     def args(self) -> tuple[Argument, ...]:
@@ -90,7 +99,14 @@ class PlacedProbes:
         data = self.device.read(self.data)
         data[entered.any(axis=1)] = probe_data(1, ACTIVE)
         self.device.write(self.data, data)
-        self.device.write(self.table, moved.table())
+        self.device.write(self.table, _table(moved, self.lengths))
+
+
+def _table(volume: Volume, lengths: tuple[float, ...]) -> Floats:
+    room = np.zeros(VOLUME_FLOATS, np.float32)
+    known = np.concatenate([volume.table(), np.array(lengths, np.float32)])
+    room[: len(known)] = known
+    return room
 
 
 def probe_data(count: int, state: int) -> Floats:

@@ -64,6 +64,19 @@ def probe_bytes(settings: CapturedProbeSettings) -> int:
     return found
 
 
+@dataclass(frozen=True)
+class Biases:
+    """How points are kept off their own surfaces.
+
+    Attributes:
+        surface: a point is looked at so far off its surface, m.
+        visibility: so much is taken off its distance before it is compared, m.
+    """
+
+    surface: float
+    visibility: float
+
+
 @dataclass
 class HeldProbes:
     """The buffers of captured probes, shared by all passes.
@@ -117,7 +130,7 @@ class HeldProbes:
 
     @staticmethod
     def create(
-        device: Device, settings: CapturedProbeSettings, baked: CapturedProbes
+        device: Device, settings: CapturedProbeSettings, baked: CapturedProbes, biases: Biases
     ) -> HeldProbes:
         """Allocate and fill them.
 
@@ -125,14 +138,15 @@ class HeldProbes:
             CannotRun: they do not fit the device's profile.
         """
         specs = HeldProbes.buffers(settings, baked.volume.probes)
-        held = device.allocate(specs, _contents(settings, baked, specs))
+        lengths = (biases.surface, biases.visibility / baked.far, baked.far)
+        held = device.allocate(specs, _contents(settings, baked, specs, lengths))
         named = ("captured_hits", "captured_albedo", "captured_emission", "captured_moments")
         names = (*named, "relit", "radiance", "texel_table")
         return HeldProbes(
             device,
             settings,
             baked,
-            PlacedProbes.of(device, baked.volume, held),
+            PlacedProbes.of(device, baked.volume, held, lengths),
             irradiance=held["irradiance_maps"],
             distance=held.get("distance_maps"),
             capture={name: held[name] for name in names if name in held},
@@ -151,15 +165,11 @@ class HeldProbes:
         found = reads("irradiance_maps", self.irradiance)
         return (found,) if self.distance is None else (found, reads("distance_maps", self.distance))
 
-    def defines(
-        self, every: bool, surface_bias: float, visibility_bias: float
-    ) -> dict[str, Define]:
+    def defines(self, every: bool) -> dict[str, Define]:
         """Macros of kernels_cl/parts/captured_gather.cl.
 
         Args:
             every: whether all probes are looked at for a point, or the eight around it.
-            surface_bias: m.
-            visibility_bias: m.
         """
         return {
             **self.placed.defines,
@@ -167,19 +177,19 @@ class HeldProbes:
             "HALF_MAPS": self.settings.storage == "fp16",
             "PROBE_VISIBILITY": self.settings.visibility,
             "EVERY_PROBE": every,
-            "SURFACE_BIAS": float(surface_bias),
-            "VISIBILITY_BIAS": float(visibility_bias / self.baked.far),
-            "FAR": float(self.baked.far),
         }
 
 
 def _contents(
-    settings: CapturedProbeSettings, baked: CapturedProbes, specs: list[BufferSpec]
+    settings: CapturedProbeSettings,
+    baked: CapturedProbes,
+    specs: list[BufferSpec],
+    lengths: tuple[float, ...],
 ) -> dict[str, npt.NDArray[Any]]:
     """What the buffers hold at first."""
     side, shapes = settings.map_texels, {spec.name: spec.shape for spec in specs}
     states = np.where(baked.usable, ACTIVE if settings.relit else USABLE, 0)
-    data: dict[str, npt.NDArray[Any]] = dict(PlacedProbes.contents(baked.volume))
+    data: dict[str, npt.NDArray[Any]] = dict(PlacedProbes.contents(baked.volume, lengths=lengths))
     data["probe_data"][:, 3] = states
     dtype = irradiance_maps(settings).dtype
     data["irradiance_maps"] = np.zeros(shapes["irradiance_maps"], dtype)

@@ -55,26 +55,12 @@ _RECEIVED_FLOPS = 138.0
 
 
 @dataclass
-class Biases:
-    """How points are kept off their own surfaces.
-
-    Attributes:
-        surface: a point is looked at so far off its surface, m.
-        visibility: so much is taken off its distance before it is compared, m.
-    """
-
-    surface: float
-    visibility: float
-
-
-@dataclass
 class ProbePasses:
     """The launches of a frame.
 
     Attributes:
         scene: the scene on the device.
         probes: on it.
-        biases: of points.
         tuned: the eight probes around a point, vectors, and nothing that is known already; else as
             published.
         packets: whether the camera pass traces packets.
@@ -83,7 +69,6 @@ class ProbePasses:
 
     scene: FrameScene
     probes: HeldProbes
-    biases: Biases
     tuned: bool
     packets: bool
     distance_sharpness: float
@@ -185,7 +170,7 @@ class ProbePasses:
         )
 
     def _program(self, path: str, more: Mapping[str, Define] | None = None) -> ProgramSpec:
-        defines = self.probes.defines(not self.tuned, self.biases.surface, self.biases.visibility)
+        defines = self.probes.defines(not self.tuned)
         return self.scene.program(path, {**defines, **(more or {})})
 
     def _relighting(self) -> list[Pass]:

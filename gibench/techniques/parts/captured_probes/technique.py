@@ -12,11 +12,12 @@ from gibench.scene.model import Camera, Scene
 from gibench.techniques.job import Job, Known, World
 from gibench.techniques.parts.camera_pass import suits_packets
 from gibench.techniques.parts.captured_probes.held import (
+    Biases,
     HeldProbes,
     captured_shares,
     probe_bytes,
 )
-from gibench.techniques.parts.captured_probes.passes import Biases, ProbePasses
+from gibench.techniques.parts.captured_probes.passes import ProbePasses
 from gibench.techniques.parts.captured_probes.settings import CapturedProbeSettings
 from gibench.techniques.parts.captured_probes.stages import CapturedProbes
 from gibench.techniques.parts.frame_scene import FrameScene
@@ -112,7 +113,7 @@ class CapturedProbeTechnique:
         self.device = device
         self._job, self._world, self._settings = job, world, settings
         self.scene = FrameScene.of(device, job.shot, world)
-        self.probes = HeldProbes.create(device, settings, baked)
+        self.probes = HeldProbes.create(device, settings, baked, biases)
         self._frames, self._looked, self._still = 0, 0, False
         self._light = StandingLight(REST_CHANGE)
         shares = captured_shares(world.scene, baked, settings, world.motion)
@@ -134,7 +135,6 @@ class CapturedProbeTechnique:
         self._passes = ProbePasses(
             self.scene,
             self.probes,
-            biases,
             tuned,
             packets=tuned and suits_packets(device),
             distance_sharpness=distance_sharpness,
