@@ -22,6 +22,9 @@ fi
 PATH="$PWD/.venv/bin:$PATH"
 # Two processes run the tests: threads of NumPy's that wait for work take their time.
 export OPENBLAS_NUM_THREADS=1
+# Memory that is let go stays with the process: a compiler in it that asks for the same again and
+# again else has the system clear pages for a twentieth of the time (glibc; others ignore it).
+export MALLOC_TRIM_THRESHOLD_=1000000000 MALLOC_TOP_PAD_=67108864 MALLOC_MMAP_THRESHOLD_=33554432
 
 if [ -n "$opencl" ]; then
   # What pyopencl keeps of a program tells no names of arguments on Intel's runtime; tests go by them.

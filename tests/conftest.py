@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import gc
 import subprocess
+import sys
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,6 +29,8 @@ hypothesis.settings.register_profile("suite", deadline=None)
 hypothesis.settings.load_profile("suite")
 
 _SEED = pytest.StashKey[int]()
+_LOADED = pytest.StashKey[int]()
+_MANY = 50  # modules
 _TREE = pytest.StashKey[tuple[int, ...]]()
 _SHORT_ROOFS = {"_STREAM_BYTES": 8 << 20, "_FMA_TURNS": 2000, "_RAYS": 1 << 14, "_REPEATS": 3}
 _PICTURE = {
@@ -64,10 +67,21 @@ def pytest_configure(config: pytest.Config) -> None:
     config.stash[_TREE] = tuple(random) if config.getoption("--fresh") else _tree()
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
+    _freeze(session.config)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item) -> None:
+    if len(sys.modules) > item.config.stash[_LOADED] + _MANY:
+        _freeze(item.config)
+
+
+def _freeze(config: pytest.Config) -> None:
     """What is loaded stays loaded: no later collection, and a run asks for some, looks at it."""
     gc.collect()
     gc.freeze()
+    config.stash[_LOADED] = len(sys.modules)
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from gibench.arrays import Bools, Doubles, Floats, Ints
@@ -155,11 +156,10 @@ def thin(candidates: Doubles, wanted: int, spacing: float) -> npt.NDArray[np.int
         kept = np.flatnonzero(alive)
         one, other, weight = _pairs(candidates[kept], spacing)
         density: Doubles = np.bincount(one, weight, len(kept)).astype(np.float64, copy=False)
-        # Few enough candidates are sorted by a radix sort, which NumPy has for small integers.
-        small = np.uint16 if len(kept) <= 65536 else np.int32
-        order = np.argsort(one.astype(small), kind="stable")
-        neighbour, weight = other[order], weight[order]
-        start = np.append(0, np.cumsum(np.bincount(one, minlength=len(kept))))
+        pairs = coo_array((weight, (one, other)), shape=(len(kept), len(kept)))
+        pairs.has_canonical_format = True  # no pair comes twice: there is nothing to look for
+        rows = pairs.tocsr()
+        neighbour, weight, start = rows.indices, rows.data, rows.indptr
         while left > wanted:
             worst = int(density.argmax())
             if density[worst] <= 1e-9:
