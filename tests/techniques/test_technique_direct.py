@@ -52,13 +52,13 @@ def test_frame_is_the_direct_light(direct):
 def test_surfaces_that_emit_by_images(rng, size, packets):
     """Bilinear, repeating, of any brightness, in kernels that read single rays and packets."""
     scene = glowing(random_scene(rng), rng, share=1.0, images=((3, 5), (33, 16)))
-    frame = FrameScene(open_device(), scene, 40, 30, scene.cameras[0])
+    frame = FrameScene(open_device(), scene, 24, 18, scene.cameras[0])
     frame.begin_frame(17)
     image = rendered(frame, size, packets=packets)
-    expected = render(scene, 17, 40, 30)
+    expected = render(scene, 17, 24, 18)
     sure = expected.certain
     np.testing.assert_allclose(image[sure], expected.direct[sure], rtol=1e-3, atol=0.02)
-    dark = render(replace(scene, glow=None), 17, 40, 30)
+    dark = render(replace(scene, glow=None), 17, 24, 18)
     assert (np.abs(dark.direct - expected.direct) > 0.05).any(axis=2).mean() > 0.01
 
 
