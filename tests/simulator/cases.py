@@ -90,9 +90,9 @@ SLOW_BAKES = [
 ]
 
 
-# Whose variants are the same kernels, compiled for vectors or not, as are those of both techniques:
-# variants take sizes and settings in turns.
-IN_TURNS = ("irradiance-probes", "light-field-probes")
+# Whose variants are the same kernels but for a few, compiled for vectors or not, as are those of both
+# techniques of captured probes: variants take sizes and settings in turns.
+IN_TURNS = ("irradiance-probes", "light-field-probes", "surfel-cache")
 
 
 def frames(every: bool) -> list[Case]:
@@ -134,7 +134,8 @@ MOVING = [
     Case("changing", 16, 16, "surfel-cache", "tuned"),
     Case("changing", 64, 1, "irradiance-probes", "tuned"),
 ]
-OTHERS = [Case(what, *sizes) for what in ("roofs", "rays", "reference") for sizes in SIZES]
+OTHERS = [Case(what, *sizes) for what in ("roofs", "rays") for sizes in SIZES]
+OTHERS.append(Case("reference", *SIZES[1]))
 # The same kernels with holes, images that emit and normal maps: by one size each, in turn.
 _OF_MACROS = (
     "cut_rays",
@@ -146,5 +147,5 @@ _OF_MACROS = (
     "bumpy_reference",
 )
 OTHERS += [Case(what, *SIZES[n % len(SIZES)]) for n, what in enumerate(_OF_MACROS)]
-SLOW_OTHERS = [Case(what, *sizes) for what in _OF_MACROS for sizes in SIZES]
+SLOW_OTHERS = [Case(what, *sizes) for what in ("reference", *_OF_MACROS) for sizes in SIZES]
 SLOW_OTHERS = [case for case in SLOW_OTHERS if case not in OTHERS]
