@@ -90,8 +90,8 @@ SLOW_BAKES = [
 ]
 
 
-# Whose variants are the same kernels but for a few, compiled for vectors or not, as are those of both
-# techniques of captured probes: variants take sizes and settings in turns.
+# Whose variants are the same kernels but for a few, compiled for vectors or not, as are those of
+# both techniques of captured probes: variants take sizes and settings in turns.
 IN_TURNS = ("irradiance-probes", "light-field-probes", "surfel-cache")
 
 
