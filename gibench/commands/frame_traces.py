@@ -12,7 +12,8 @@ from gibench.measure.plan.stopping import Patience
 from gibench.measure.session.enqueue import PreparedPass
 from gibench.measure.session.rest import warm_up
 from gibench.measure.session.session import Session
-from gibench.trace.request import TraceRequest, request_of
+from gibench.trace.launched import request_of
+from gibench.trace.request import TraceRequest
 
 LEAST = 32
 """Frames that are run before one is traced where none is asked for."""

@@ -6,19 +6,13 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from gibench.device import (
-    Access,
-    Buffer,
-    Define,
-    Device,
-    LocalMemory,
-    PreparedLaunch,
-)
+if TYPE_CHECKING:  # the process that a kernel is traced in needs no OpenCL
+    from gibench.device import Define
 
 
 @dataclass(frozen=True)
@@ -106,31 +100,6 @@ class Sampling:
     timeout: float = 60.0
     whole: bool = False
     unroll: bool = False
-
-
-def request_of(device: Device, prepared: PreparedLaunch) -> TraceRequest:
-    """The request for a launch as it would run now: reads its buffers from the device.
-
-    Raises:
-        GibenchError: its program cannot be built.
-    """
-    launch = prepared.launch
-    program = device.built(launch)
-    args = []
-    for argument in launch.args:
-        value, written = argument.value, argument.access in (Access.WRITE, Access.UPDATE)
-        if isinstance(value, Buffer):
-            args.append(TracedArgument(argument.name, device.read(value), 0, written))
-        elif isinstance(value, LocalMemory):
-            args.append(TracedArgument(argument.name, None, value.nbytes))
-        else:
-            args.append(TracedArgument(argument.name, value))
-    first, *rows = prepared.global_sizes
-    groups = (first // prepared.local, *rows)
-    label = f"{launch.program.path}: {launch.kernel}"
-    return TraceRequest(
-        program.source, launch.program.defines, launch.kernel, args, prepared.local, groups, label
-    )
 
 
 def write_request(folder: Path, request: TraceRequest, sampling: Sampling) -> None:

@@ -18,11 +18,12 @@ import numpy.typing as npt
 
 from gibench.arrays import Longs
 from gibench.errors import BadInput, CannotRun, CheckFailed, GibenchError
+from gibench.trace.bitcode import built_here
 from gibench.trace.dependence import Chains
 from gibench.trace.extra import require_extra
 from gibench.trace.instrument import Tables
 from gibench.trace.request import Sampling, TraceRequest, write_request
-from gibench.trace.worker import CACHE
+from gibench.trace.worker import BITCODE, CACHE
 
 _WALL = 20
 """Times the processor's seconds that the clock may show: a process that sleeps is ended, too."""
@@ -107,6 +108,9 @@ def trace_launch(request: TraceRequest, sampling: Sampling | None = None) -> Tra
         folder = Path(name)
         (folder / CACHE).mkdir()
         write_request(folder, request, sampling)
+        bitcode = built_here(request)
+        if bitcode is not None:
+            (folder / BITCODE).write_bytes(bitcode)
         _run(folder, request, sampling)
         return _read(folder, request, sampling)
 

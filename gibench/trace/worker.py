@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import resource
 import sys
 from dataclasses import asdict
@@ -12,45 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from gibench.errors import BadInput, CannotRun, GibenchError
+from gibench.errors import GibenchError
+from gibench.trace.bitcode import bitcode_of
 from gibench.trace.execute import Machine, record
 from gibench.trace.instrument import Instrumented, TooLarge, instrument
 from gibench.trace.lower import lower
-from gibench.trace.request import TraceRequest, read_request
+from gibench.trace.request import read_request
 
 CACHE = "pocl"
 """Folder of PoCL's cache beneath the request's."""
-
-
-def bitcode_of(request: TraceRequest, cache: Path) -> bytes:
-    """What PoCL compiles the request's program to.
-
-    Args:
-        request: what is traced.
-        cache: PoCL's cache folder, empty; this process was started with it.
-
-    Raises:
-        BadInput: PoCL's compiler refuses the program.
-        CannotRun: there is no PoCL here.
-    """
-    import pyopencl as cl
-
-    from gibench.device import build_program, list_devices
-
-    device = list_devices()[0]
-    if "Portable" not in device.platform.name:
-        raise CannotRun("tracing needs PoCL", mend="pip install 'pyopencl[pocl]'")
-    try:
-        build_program(cl.Context([device]), request.source, request.defines)
-    except cl.Error as error:
-        lines = [line.strip() for line in str(error).split("\n")]
-        told = next((line for line in lines if line.startswith("error:")), lines[0])
-        told = re.sub(r"\S*tempfile_\w+\.cl:", "line ", told.removeprefix("error: "))
-        raise BadInput(f"does not build: {told}", where=request.label) from error
-    found = list(cache.rglob("program.bc"))
-    if not found:
-        raise CannotRun("PoCL left no bitcode in its cache", where=request.label)
-    return found[0].read_bytes()
+BITCODE = "program.bc"
+"""The program's bitcode, beside the request where it is known."""
 
 
 def trace(folder: Path) -> None:
@@ -63,7 +34,8 @@ def trace(folder: Path) -> None:
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(sampling.timeout), most))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    bitcode = bitcode_of(request, folder / CACHE)
+    known = folder / BITCODE
+    bitcode = known.read_bytes() if known.is_file() else bitcode_of(request, folder / CACHE)
     instrumented = _instrumented(bitcode, request.kernel, sampling.unroll)
     machine = Machine(instrumented, request, sampling.words)
     progress = folder / "group"
