@@ -164,7 +164,7 @@ def test_the_whole_of_it(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     for name, target, what in (
         ("equal-time", "0", "met by nothing"),
-        ("equal-time", "nan", "met by nothing"),
+        ("equal-time", "nan", "is not a number"),
         ("sh-order", "3", "has no target"),
     ):
         assert call(["experiment", name, *quick, "--target", target]) == 2
