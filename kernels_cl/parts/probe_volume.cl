@@ -26,6 +26,7 @@ inline int scroll_along(__global const float *volume, int axis)
     return (int)volume[6 + axis];
 }
 
+// One of what lookups take, behind the volume.
 inline float volume_length(__global const float *volume, int which)
 {
     return volume[9 + which];

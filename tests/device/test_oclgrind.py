@@ -18,19 +18,26 @@ from gibench.device.build import vector_width
 
 sys.path.insert(0, str(SCRIPTS))
 
-from cases import BAKES, FRAMES, MOVING, OTHERS, SLOW_BAKES, SLOW_FRAMES, SLOW_OTHERS, Case
+from cases import (
+    BAKES,
+    FRAMES,
+    MOVING,
+    OTHERS,
+    SLOW_BAKES,
+    SLOW_FRAMES,
+    SLOW_OTHERS,
+    Case,
+    distinct,
+)
 from recording import all_kernels
 
 CASES = [*BAKES, *FRAMES, *MOVING, *OTHERS]
 SLOW = [
     pytest.param(case, marks=pytest.mark.slow) for case in (*SLOW_BAKES, *SLOW_FRAMES, *SLOW_OTHERS)
 ]
-# All of SRP's: those of the others have no kernels.
-BAKED = [
-    Case("bake", 1, 1, "srp", settings=case.settings)
-    for case in [*FRAMES, *MOVING]
-    if case.technique == "srp"
-]
+# All of SRP's that frames at rest have; those of the others have no kernels.
+_OF_SRP = [case.settings for case in FRAMES if case.technique == "srp"]
+BAKED = distinct([Case("bake", 1, 1, "srp", settings=settings) for settings in _OF_SRP])
 
 
 def arguments(cache: Path, *cases: Case) -> list[str]:

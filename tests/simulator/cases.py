@@ -6,6 +6,7 @@ pair of the two: those are ``SLOW``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -43,6 +44,11 @@ class Case:
         layout = "" if self.layout == "wide" else self.layout
         names = (self.what, self.technique, self.variant, layout, self.size, self.width, *settings)
         return "-".join(str(name) for name in names if name)
+
+
+def distinct(cases: Sequence[Case]) -> list[Case]:
+    """Each once, in order."""
+    return list({str(case): case for case in cases}.values())
 
 
 # Besides the defaults: what compiles other code into the same kernels.

@@ -15,7 +15,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "simulator"))
 import cases
-from cases import BAKES, MOVING, OF_SIMT, OTHER_SETTINGS, WITH_A_LAYOUT, Case
+from cases import BAKES, MOVING, OF_SIMT, OTHER_SETTINGS, WITH_A_LAYOUT, Case, distinct
 from recording import all_kernels
 
 from gibench.device import SIMT
@@ -57,7 +57,7 @@ def cases_of(name: str, size: int, width: int) -> list[Case]:
         found = [replace(each, size=size, width=width) for each in (*MOVING, *cases.OTHERS)]
         # PoCL's compiler for processors without AVX-512 makes no programs of 16 lanes.
         bakes = [replace(each, width=min(each.width, width)) for each in BAKES]
-        return [each for n, each in enumerate(found) if each not in found[:n]] + bakes
+        return distinct(found) + bakes
     choices = [{}, *OTHER_SETTINGS.get(name, [])]
     variants = techniques()[name].variants
     found = [Case("frames", size, width, name, v, c) for v in variants for c in choices]
@@ -133,8 +133,7 @@ def _worst(found: np.ndarray, expected: np.ndarray) -> str:
 
 def test_one_kernel_of_each_folder_leaves_what_the_device_leaves(tmp_path: Path) -> None:
     wanted = [kernel for kernel, _ in ONE_A_FOLDER.values()]
-    every = [case for _, case in ONE_A_FOLDER.values()]
-    few = [case for n, case in enumerate(every) if case not in every[:n]]
+    few = distinct([case for _, case in ONE_A_FOLDER.values()])
     folders = captured(tmp_path / "launches", tmp_path, wanted, few)
     assert {read_request(folder)[0].label for folder in folders} == set(wanted)
     assert [line for folder in folders for line in differences(folder)] == []

@@ -87,7 +87,7 @@ class Probes:
         return Probes(
             device,
             settings,
-            PlacedProbes.of(device, volume, held, biases(settings, volume)),
+            PlacedProbes.of(device, volume, held),
             seed,
             irradiance=held["irradiance_maps"],
             distance=held["distance_maps"],

@@ -18,9 +18,7 @@ BLENDED = 2
 """Of a probe's state: its maps hold something."""
 USABLE = ACTIVE | BLENDED
 
-# kernels_cl/parts/probe_volume.cl: the volume, and what lookups in it take.
-_LENGTHS = 3
-VOLUME_FLOATS = 9 + _LENGTHS
+VOLUME_FLOATS = 12  # kernels_cl/parts/probe_volume.cl: the volume's nine, and what lookups take
 
 
 @dataclass
@@ -30,17 +28,14 @@ class PlacedProbes:
     Attributes:
         device: where they lie.
         volume: where the probes are now.
-        table: (12,) float32, the volume and ``lengths``.
+        table: (12,) float32, the volume and what lookups in it take.
         data: (p, 4) float32 offset in m and state of every probe.
-        lengths: up to three that the technique's lookups take. They differ from scene to scene: as
-            macros they would have the kernels compiled anew for each.
     """
 
     device: Device
     volume: Volume
     table: Buffer
     data: Buffer
-    lengths: tuple[float, ...] = ()
 
     @staticmethod
     def create(device: Device, volume: Volume, state: int = ACTIVE) -> PlacedProbes:
@@ -66,15 +61,19 @@ class PlacedProbes:
     def contents(
         volume: Volume, state: int = ACTIVE, lengths: tuple[float, ...] = ()
     ) -> dict[str, Floats]:
-        """What :meth:`buffers` hold at first: probes on the grid, all in ``state``."""
-        return {"volume": _table(volume, lengths), "probe_data": probe_data(volume.probes, state)}
+        """What :meth:`buffers` hold at first: probes on the grid, all in ``state``.
+
+        ``lengths`` are up to three that the technique's lookups take, m. They differ from scene to
+        scene: as macros they would have the kernels compiled anew for each.
+        """
+        table = np.zeros(VOLUME_FLOATS, np.float32)
+        table[: 9 + len(lengths)] = [*volume.table(), *lengths]
+        return {"volume": table, "probe_data": probe_data(volume.probes, state)}
 
     @staticmethod
-    def of(
-        device: Device, volume: Volume, held: Mapping[str, Buffer], lengths: tuple[float, ...] = ()
-    ) -> PlacedProbes:
+    def of(device: Device, volume: Volume, held: Mapping[str, Buffer]) -> PlacedProbes:
         """The probes whose buffers are among ``held``."""
-        return PlacedProbes(device, volume, held["volume"], held["probe_data"], lengths)
+        return PlacedProbes(device, volume, held["volume"], held["probe_data"])
 
     @property
     def args(self) -> tuple[Argument, ...]:
@@ -99,14 +98,7 @@ class PlacedProbes:
         data = self.device.read(self.data)
         data[entered.any(axis=1)] = probe_data(1, ACTIVE)
         self.device.write(self.data, data)
-        self.device.write(self.table, _table(moved, self.lengths))
-
-
-def _table(volume: Volume, lengths: tuple[float, ...]) -> Floats:
-    room = np.zeros(VOLUME_FLOATS, np.float32)
-    known = np.concatenate([volume.table(), np.array(lengths, np.float32)])
-    room[: len(known)] = known
-    return room
+        self.device.write(self.table, moved.table())
 
 
 def probe_data(count: int, state: int) -> Floats:

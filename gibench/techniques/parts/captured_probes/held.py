@@ -146,7 +146,7 @@ class HeldProbes:
             device,
             settings,
             baked,
-            PlacedProbes.of(device, baked.volume, held, lengths),
+            PlacedProbes.of(device, baked.volume, held),
             irradiance=held["irradiance_maps"],
             distance=held.get("distance_maps"),
             capture={name: held[name] for name in names if name in held},
