@@ -14,14 +14,14 @@ from pathlib import Path
 from gibench.errors import GibenchError
 from gibench.resources import data
 
-# Begins every program; trees of revisions before it have none.
-_PRELUDE = "common/builtins.cl"
+# Begin every program; trees of revisions before them have none.
+_PRELUDE = ("common/declared.cl", "common/builtins.cl")
 _INCLUDE = re.compile(r'^\s*#include\s+"([^"]+)"\s*$', re.MULTILINE)
 
 
 def kernel_source(path: str, root: Traversable | None = None) -> str:
     """The source of ``path`` with every ``#include "..."`` expanded once, after the builtins that
-    are inlined (``common/builtins.cl``).
+    are declared and inlined (``common/declared.cl``, ``common/builtins.cl``).
 
     Args:
         path: file beneath ``kernels_cl``, for instance ``"srp/tuned.cl"``. Includes are named the
@@ -32,9 +32,8 @@ def kernel_source(path: str, root: Traversable | None = None) -> str:
         GibenchError: a file is missing.
     """
     tree, seen = data("kernels_cl") if root is None else root, set[str]()
-    has_prelude = tree.joinpath(*_PRELUDE.split("/")).is_file()
-    prelude = _expand(_PRELUDE, tree, seen) if has_prelude else ""
-    return prelude + _expand(path, tree, seen)
+    prelude = [file for file in _PRELUDE if tree.joinpath(*file.split("/")).is_file()]
+    return "".join(_expand(file, tree, seen) for file in (*prelude, path))
 
 
 def _expand(path: str, root: Traversable, seen: set[str]) -> str:

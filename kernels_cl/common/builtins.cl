@@ -33,10 +33,17 @@
 #undef normalize
 #undef select
 #undef any
+// PoCL's names for these would else be what a width is joined to (VEC_JOIN).
+#undef convert_float
+#undef convert_int
+#undef vload
+#undef vstore
 #undef convert_float2
 #undef convert_float3
+#undef convert_float4
 #undef convert_int2
 #undef convert_int3
+#undef convert_int4
 #undef convert_int3_rtn
 #undef convert_float8
 #undef convert_float16
@@ -156,20 +163,23 @@ INLINE_BUILTIN int inline_any(int4 v) { return inline_any(v.lo | v.hi); }
 INLINE_BUILTIN int inline_any(int8 v) { return inline_any(v.lo | v.hi); }
 INLINE_BUILTIN int inline_any(int16 v) { return inline_any(v.lo | v.hi); }
 
-INLINE_BUILTIN float2 inline_float2(int2 v) { return __builtin_convertvector(v, float2); }
 INLINE_BUILTIN float3 inline_float3(int3 v) { return (float3)((float)v.x, (float)v.y, (float)v.z); }
-INLINE_BUILTIN int2 inline_int2(float2 v) { return __builtin_convertvector(v, int2); }
 INLINE_BUILTIN int3 inline_int3(float3 v) { return (int3)((int)v.x, (int)v.y, (int)v.z); }
 
-#define INLINE_CONVERTED(T, T8, T16) \
-    INLINE_BUILTIN float8 inline_float8(T8 v) { return __builtin_convertvector(v, float8); } \
-    INLINE_BUILTIN float16 inline_float16(T16 v) { return __builtin_convertvector(v, float16); }
-INLINE_CONVERTED(uchar, uchar8, uchar16)
-INLINE_CONVERTED(short, short8, short16)
-INLINE_CONVERTED(int, int8, int16)
-
-INLINE_BUILTIN int8 inline_int8(float8 v) { return __builtin_convertvector(v, int8); }
-INLINE_BUILTIN int16 inline_int16(float16 v) { return __builtin_convertvector(v, int16); }
+#define INLINE_CONVERTED(FROM, TO, N) \
+    INLINE_BUILTIN TO##N inline_##TO##N(FROM##N v) { return __builtin_convertvector(v, TO##N); }
+#define INLINE_ALL_CONVERTED(N) \
+    INLINE_CONVERTED(uchar, float, N) \
+    INLINE_CONVERTED(short, float, N) \
+    INLINE_CONVERTED(ushort, float, N) \
+    INLINE_CONVERTED(int, float, N) \
+    INLINE_CONVERTED(uint, float, N) \
+    INLINE_CONVERTED(short, int, N) \
+    INLINE_CONVERTED(float, int, N)
+INLINE_ALL_CONVERTED(2)
+INLINE_ALL_CONVERTED(4)
+INLINE_ALL_CONVERTED(8)
+INLINE_ALL_CONVERTED(16)
 
 INLINE_BUILTIN uint inline_clz(uint x) { return x ? (uint)__builtin_clz(x) : 32u; }
 
@@ -254,6 +264,7 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
 #undef INLINE_FLOATS_BY_NUMBERS
 #undef INLINE_GEOMETRY
 #undef INLINE_CONVERTED
+#undef INLINE_ALL_CONVERTED
 #undef INLINE_IN_SPACE
 #undef INLINE_THREE_IN_SPACE
 #undef INLINE_IN_MEMORY
@@ -279,10 +290,14 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
 #define normalize(x) inline_normalize(x)
 #define select(a, b, c) ((c) ? (b) : (a))
 #define any(x) inline_any(x)
+#define convert_float(x) ((float)(x))
+#define convert_int(x) ((int)(x))
 #define convert_float2(v) inline_float2(v)
 #define convert_float3(v) inline_float3(v)
+#define convert_float4(v) inline_float4(v)
 #define convert_int2(v) inline_int2(v)
 #define convert_int3(v) inline_int3(v)
+#define convert_int4(v) inline_int4(v)
 #define convert_int3_rtn(v) inline_int3(inline_floor(v))
 #define convert_float8(v) inline_float8(v)
 #define convert_float16(v) inline_float16(v)

@@ -8,17 +8,24 @@ their arguments, and what a device counts of its memory stay each device's own.
 
 from __future__ import annotations
 
+import re
 from functools import wraps
 from typing import Any
 
 import pyopencl as cl
 
+from gibench.device.build import WITHOUT_HEADER
+
+ALLOWED = "// calls what is not declared"
+"""In the source of a test that builds such a program on purpose."""
+
 
 def share_builds() -> None:
     """From now on ``cl.Context([device])`` and ``cl.Program(...).build()`` return what there is.
 
-    Builds that fail are not kept. Contexts of several devices or with properties, and builds for
-    chosen devices, are made as ever.
+    Builds that fail are not kept, and one for want of a builtin that common/declared.cl could
+    declare fails the test: it would be built once more, slowly. Contexts of several devices or with
+    properties, and builds for chosen devices, are made as ever.
     """
     contexts: dict[tuple[Any, ...], Any] = {}
     programs: dict[tuple[Any, ...], Any] = {}
@@ -40,7 +47,13 @@ def share_builds() -> None:
             return build(self, options, *args, **kwargs)
         key = (self._context.int_ptr, source, tuple(options))
         if key not in programs:
-            programs[key] = build(self, options)
+            try:
+                programs[key] = build(self, options)
+            except cl.RuntimeError as error:
+                undeclared = re.search("implicit declaration of function '(.*)'", str(error))
+                if undeclared and not {*WITHOUT_HEADER}.isdisjoint(options):
+                    assert ALLOWED in source, f"common/declared.cl has no {undeclared[1]}"
+                raise
         return programs[key]
 
     cl.Context, cl.Program.build = context, build_once
