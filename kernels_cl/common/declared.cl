@@ -27,13 +27,19 @@ void __attribute__((overloadable, convergent)) barrier(cl_mem_fence_flags flags)
 
 #define DECLARED_OF_FLOATS(T) \
     T DECLARED_CONST acos(T x); \
+    T DECLARED_CONST asin(T x); \
+    T DECLARED_CONST atan(T x); \
     T DECLARED_CONST cos(T x); \
     T DECLARED_CONST exp(T x); \
+    T DECLARED_CONST exp2(T x); \
     T DECLARED_CONST log(T x); \
+    T DECLARED_CONST log2(T x); \
     T DECLARED_CONST rint(T x); \
+    T DECLARED_CONST round(T x); \
     T DECLARED_CONST sign(T x); \
     T DECLARED_CONST sin(T x); \
     T DECLARED_CONST tan(T x); \
+    T DECLARED_CONST trunc(T x); \
     T DECLARED_CONST atan2(T y, T x); \
     T DECLARED_CONST pow(T x, T y); \
     T DECLARED_CONST powr(T x, T y); \
@@ -73,6 +79,7 @@ DECLARED_FROM(long)
 DECLARED_FROM(ulong)
 DECLARED_FROM(float)
 int3 DECLARED_CONST convert_int3_sat(float3 x);
+int3 DECLARED_CONST convert_int3_rtz(float3 x);
 
 // -- memory -----------------------------------------------------------------------------------
 

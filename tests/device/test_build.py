@@ -17,7 +17,8 @@ from gibench.device.source import kernel_source
 from gibench.trace.bitcode import _packed
 
 FLOATS = ("float", "float2", "float3", "float4", "float8", "float16")
-OF_ONE = ("acos", "cos", "exp", "log", "rint", "sign", "sin", "tan")
+OF_ONE = ("acos", "asin", "atan", "cos", "exp", "exp2", "log", "log2")
+OF_ONE += ("rint", "round", "sign", "sin", "tan", "trunc")
 OF_TWO = ("atan2", "pow", "powr", "step")
 ATOMICS = ("add(%s, 2)", "max(%s, 2)", "min(%s, 2)", "inc(%s)", "dec(%s)")
 WORK_ITEM = ("global_id", "global_size", "group_id", "local_id", "local_size", "num_groups")
@@ -56,7 +57,8 @@ def every_declared() -> list[str]:
     for kind in SCALARS:
         lines += [f"{{ const {kind} x = *(__global {kind} *)i; f[1] += convert_float(x);"]
         lines += ["i[1] += convert_int(x); u[1] += convert_uint_sat_rte(x); }"]
-    lines += ["*(__global int3 *)i = convert_int3_sat(*(__global float3 *)f);"]
+    for rounded in ("sat", "rtz"):
+        lines += [f"*(__global int3 *)i = convert_int3_{rounded}(*(__global float3 *)f);"]
     lines += [f"atomic_{each % at};" for each in ATOMICS for at in ("i", "u", "li", "lu")]
     return lines + [
         f"vstore_half{width}(vload_half{width}(1, {at}), 2, {at});"

@@ -122,6 +122,13 @@ def test_integers_halves_and_conversions(rng):
         vstore_half2(y.yz, 2, h);
         vstore4(vload_half4(0, h), 0, o + 44);
         vstore2(vload_half2(2, h), 0, o + 48);
+        __global const short *s = (__global const short *)(i + 16 * n);
+        const short4 words = (short4)(s[0], s[2], s[4], s[6]);
+        const uint4 positive = (uint4)(a.x + 9, a.y + 9, a.z + 9, 0xffffff00u);
+        vstore4(convert_float4(words), 0, o + 50);
+        vstore4(convert_float4(convert_int4(words)), 0, o + 54);
+        vstore4(convert_float4(positive), 0, o + 58);
+        vstore2(convert_float2((uchar2)(a.x + 9, 255)), 0, o + 62);
     }"""
     out = computed(source, (ints, floats), np.zeros((COUNT, 64), np.float32))
     a, b, x, y = ints[:, :3], ints[:, 3:6], floats[:, :3], floats[:, 3:6]
@@ -135,6 +142,9 @@ def test_integers_halves_and_conversions(rng):
         (17, 33): ints,
         (33, 41): np.trunc(floats[:, :8]),
         (44, 50): floats[:, :6].astype(np.float16),
+        (50, 58): np.tile(ints[:, :4], 2),
+        (58, 62): np.column_stack([a + 9.0, np.full(COUNT, 2.0**32 - 256)]),
+        (62, 64): np.column_stack([a[:, 0] + 9.0, np.full(COUNT, 255.0)]),
     }
     for (first, last), expected in pairs.items():
         np.testing.assert_array_equal(out[:, first:last], expected.astype(np.float32))
