@@ -45,6 +45,7 @@
 #undef convert_int3
 #undef convert_int4
 #undef convert_int3_rtn
+#undef convert_int3_sat
 #undef convert_float8
 #undef convert_float16
 #undef convert_int8
@@ -165,6 +166,15 @@ INLINE_BUILTIN int inline_any(int16 v) { return inline_any(v.lo | v.hi); }
 
 INLINE_BUILTIN float3 inline_float3(int3 v) { return (float3)((float)v.x, (float)v.y, (float)v.z); }
 INLINE_BUILTIN int3 inline_int3(float3 v) { return (int3)((int)v.x, (int)v.y, (int)v.z); }
+INLINE_BUILTIN int inline_int_sat(float x)
+{
+    const int low = x == x ? (int)0x80000000 : 0; // 0 for what is no number
+    return x >= 0x1p31f ? 0x7fffffff : x > -0x1p31f ? (int)x : low;
+}
+INLINE_BUILTIN int3 inline_int3_sat(float3 v)
+{
+    return (int3)(inline_int_sat(v.x), inline_int_sat(v.y), inline_int_sat(v.z));
+}
 
 #define INLINE_CONVERTED(FROM, TO, N) \
     INLINE_BUILTIN TO##N inline_##TO##N(FROM##N v) { return __builtin_convertvector(v, TO##N); }
@@ -247,10 +257,34 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
     ((__global short *)p)[2 * i] = bits.s0;
     ((__global short *)p)[2 * i + 1] = bits.s1;
 }
+INLINE_BUILTIN float inline_vload_half(size_t i, const __global half *p)
+{
+    const short bits = ((const __global short *)p)[i];
+    const float4 one = __builtin_ia32_vcvtph2ps((short8)(bits, (short)0, (short2)(0), (short4)(0)));
+    return one.x;
+}
+INLINE_BUILTIN float3 inline_vload_half3(size_t i, const __global half *p)
+{
+    const __global short *bits = (const __global short *)p + 3 * i;
+    const short4 three = (short4)(bits[0], bits[1], bits[2], (short)0);
+    const float4 each = __builtin_ia32_vcvtph2ps((short8)(three, (short4)(0)));
+    return each.xyz;
+}
+INLINE_BUILTIN void inline_vstore_half(float v, size_t i, __global half *p)
+{
+    const short8 bits = __builtin_ia32_vcvtps2ph((float4)(v), 0);
+    ((__global short *)p)[i] = bits.s0;
+}
+#undef vload_half
 #undef vload_half2
+#undef vload_half3
 #undef vload_half4
+#undef vstore_half
 #undef vstore_half2
 #undef vstore_half4
+#define vload_half(i, p) inline_vload_half(i, p)
+#define vload_half3(i, p) inline_vload_half3(i, p)
+#define vstore_half(v, i, p) inline_vstore_half(v, i, p)
 #define vload_half2(i, p) inline_vload_half2(i, p)
 #define vload_half4(i, p) inline_vload_half4(i, p)
 #define vstore_half2(v, i, p) inline_vstore_half2(v, i, p)
@@ -298,6 +332,7 @@ INLINE_BUILTIN void inline_vstore_half2(float2 v, size_t i, __global half *p)
 #define convert_int2(v) inline_int2(v)
 #define convert_int3(v) inline_int3(v)
 #define convert_int4(v) inline_int4(v)
+#define convert_int3_sat(v) inline_int3_sat(v)
 #define convert_int3_rtn(v) inline_int3(inline_floor(v))
 #define convert_float8(v) inline_float8(v)
 #define convert_float16(v) inline_float16(v)

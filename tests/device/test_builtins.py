@@ -107,7 +107,7 @@ def test_integers_halves_and_conversions(rng):
         const size_t n = get_global_id(0);
         const int3 a = vload3(0, i + 16 * n), b = vload3(1, i + 16 * n);
         const float3 x = vload3(0, f + 16 * n), y = vload3(1, f + 16 * n);
-        __global float *o = out + 64 * n;
+        __global float *o = out + 74 * n;
         vstore3(convert_float3(clamp(a, (int3)(-3), b + 9)), 0, o);
         vstore3(convert_float3(min(a, b) + 20 * max(a, b)), 1, o);
         vstore3(convert_float3(convert_int3(x)), 2, o);
@@ -129,8 +129,14 @@ def test_integers_halves_and_conversions(rng):
         vstore4(convert_float4(convert_int4(words)), 0, o + 54);
         vstore4(convert_float4(positive), 0, o + 58);
         vstore2(convert_float2((uchar2)(a.x + 9, 255)), 0, o + 62);
+        o += 64;
+        vstore3(convert_float3(convert_int3_sat(x)), 0, o);
+        vstore3(convert_float3(convert_int3_sat((float3)(3e9f, -3e9f, NAN))), 1, o);
+        vstore_half(x.y, 0, h);
+        vstore3(vload_half3(1, h), 2, o);
+        o[9] = vload_half(0, h);
     }"""
-    out = computed(source, (ints, floats), np.zeros((COUNT, 64), np.float32))
+    out = computed(source, (ints, floats), np.zeros((COUNT, 74), np.float32))
     a, b, x, y = ints[:, :3], ints[:, 3:6], floats[:, :3], floats[:, 3:6]
     pairs = {
         (0, 3): np.minimum(np.maximum(a, -3), b + 9),
@@ -145,6 +151,10 @@ def test_integers_halves_and_conversions(rng):
         (50, 58): np.tile(ints[:, :4], 2),
         (58, 62): np.column_stack([a + 9.0, np.full(COUNT, 2.0**32 - 256)]),
         (62, 64): np.column_stack([a[:, 0] + 9.0, np.full(COUNT, 255.0)]),
+        (64, 67): np.trunc(x),
+        (67, 70): np.tile([2.0**31, -(2.0**31), 0.0], (COUNT, 1)),
+        (70, 73): y.astype(np.float16),
+        (73, 74): x[:, 1:2].astype(np.float16),
     }
     for (first, last), expected in pairs.items():
         np.testing.assert_array_equal(out[:, first:last], expected.astype(np.float32))
