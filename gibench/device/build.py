@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import re
 import warnings
 from collections.abc import Mapping
@@ -72,8 +73,10 @@ def build_program(context: Any, source: str, defines: Mapping[str, Define]) -> A
 
 
 def _has_header(cl_device: Any) -> bool:
-    """Whether a device's compiler reads clang's header of all builtins unless its guard is set."""
-    return " PoCL 3." in cl_device.platform.version
+    """Whether a device's compiler reads clang's header of all builtins unless its guard is set, and
+    can do without: on other processors builtins.cl is empty, and its builtins are the header's.
+    """
+    return " PoCL 3." in cl_device.platform.version and platform.machine() == "x86_64"
 
 
 def named(source: str, defines: Mapping[str, Define]) -> dict[str, Define]:

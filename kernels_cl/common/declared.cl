@@ -1,6 +1,6 @@
-// The builtins that kernels call and builtins.cl does not have inline, declared for PoCL 3 as its
-// own header does; begins every program (device/source.py), and is empty but for builds that leave
-// that header out (device/build.py).
+// The builtins that kernels call, or are likely to, and builtins.cl does not have inline, declared
+// for PoCL 3 as its own header does; begins every program (device/source.py), and is empty but for
+// builds that leave that header out (device/build.py).
 //
 // The header, clang's opencl-c.h, declares every builtin for every type: 18,000 lines. To read them
 // takes a tenth of a second in each program that is built and 20 ms in each that comes from PoCL's
@@ -65,20 +65,7 @@ DECLARED_OF_INTS(int4)
 DECLARED_OF_INTS(int8)
 DECLARED_OF_INTS(int16)
 
-#define DECLARED_FROM(T) \
-    float DECLARED_CONST convert_float(T x); \
-    int DECLARED_CONST convert_int(T x); \
-    uint DECLARED_CONST convert_uint_sat_rte(T x);
-DECLARED_FROM(char)
-DECLARED_FROM(uchar)
-DECLARED_FROM(short)
-DECLARED_FROM(ushort)
-DECLARED_FROM(int)
-DECLARED_FROM(uint)
-DECLARED_FROM(long)
-DECLARED_FROM(ulong)
-DECLARED_FROM(float)
-int3 DECLARED_CONST convert_int3_sat(float3 x);
+uint DECLARED_CONST convert_uint_sat_rte(float x);
 int3 DECLARED_CONST convert_int3_rtz(float3 x);
 
 // -- memory -----------------------------------------------------------------------------------
@@ -111,7 +98,6 @@ DECLARED_HALVES(__local)
 #undef DECLARED_CONST
 #undef DECLARED_OF_FLOATS
 #undef DECLARED_OF_INTS
-#undef DECLARED_FROM
 #undef DECLARED_ATOMICS
 #undef DECLARED_LOAD
 #undef DECLARED_HALVES

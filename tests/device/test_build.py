@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import re
 from typing import Any
 
@@ -22,7 +23,6 @@ OF_ONE += ("rint", "round", "sign", "sin", "tan", "trunc")
 OF_TWO = ("atan2", "pow", "powr", "step")
 ATOMICS = ("add(%s, 2)", "max(%s, 2)", "min(%s, 2)", "inc(%s)", "dec(%s)")
 WORK_ITEM = ("global_id", "global_size", "group_id", "local_id", "local_size", "num_groups")
-SCALARS = ("char", "uchar", "short", "ushort", "int", "uint", "long", "ulong", "float")
 USES = """
 __kernel void uses(__global float *f, __global int *i, __global uint *u, __global half *h,
                    __local half *lh)
@@ -37,10 +37,10 @@ NOT_DECLARED = f"{ALLOWED}\n__kernel void f(__global float *x) {{ x[0] = erf(x[0
 
 @pytest.fixture
 def pocl() -> Any:
-    """A context of PoCL 3."""
+    """A context of PoCL 3 on x86."""
     found = list_devices()[0]
-    if " PoCL 3." not in found.platform.version:
-        pytest.skip("of PoCL 3 alone")
+    if " PoCL 3." not in found.platform.version or platform.machine() != "x86_64":
+        pytest.skip("of PoCL 3 on x86 alone")
     return cl.Context([found])
 
 
@@ -54,11 +54,8 @@ def every_declared() -> list[str]:
         lines += [f"p[1] = {name}(p[0], p[1]);" for name in OF_TWO]
         lines += ["p[1] = fma(p[0], p[1], p[2]); p[1] = step(f[0], p[1]); }"]
         lines += [f"i[1] += all(*(__global {kind.replace('float', 'int')} *)i);"]
-    for kind in SCALARS:
-        lines += [f"{{ const {kind} x = *(__global {kind} *)i; f[1] += convert_float(x);"]
-        lines += ["i[1] += convert_int(x); u[1] += convert_uint_sat_rte(x); }"]
-    for rounded in ("sat", "rtz"):
-        lines += [f"*(__global int3 *)i = convert_int3_{rounded}(*(__global float3 *)f);"]
+    lines += ["u[1] += convert_uint_sat_rte(f[0]);"]
+    lines += ["*(__global int3 *)i = convert_int3_rtz(*(__global float3 *)f);"]
     lines += [f"atomic_{each % at};" for each in ATOMICS for at in ("i", "u", "li", "lu")]
     return lines + [
         f"vstore_half{width}(vload_half{width}(1, {at}), 2, {at});"
